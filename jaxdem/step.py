@@ -26,6 +26,7 @@ def step(
     if simulation.scalars is not None:
         flow = FlowOfInterval(fluid, forces, fluid_report)
         scalars, fluid_report = advance_scalars(simulation, parameters, state, neighbors, flow)
+    parameters, state = simulation.with_loaded_pistons(parameters, state, fluid_report)
     moved = advance_particles(simulation, parameters, state, neighbors, forces, scalars)
     particles, listed, report, places, scalars = moved
     new = State(particles, fluid, state.step + 1, scalars)
@@ -43,7 +44,8 @@ def advance_fluid(
     parameters = _numbered(parameters, state.step)
     time = simulation.time(parameters, state)
     parameters, fluid = with_carried_heat(simulation, parameters, state)
-    parameters, fluid = simulation.with_moved_walls(parameters, fluid, state.step)
+    pistons = None if state.particles is None else state.particles.pistons
+    parameters, fluid = simulation.with_moved_walls(parameters, fluid, state.step, pistons)
     if simulation.coupling is not None:
         particles = required(state.particles, "state.particles")
         bodies = required(parameters.bodies, "parameters.bodies").of_rows(particles.identity)

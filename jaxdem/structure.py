@@ -10,11 +10,12 @@ from jax import Array
 from jax.typing import DTypeLike
 
 from jaxdem.coupling.coupled import Coupling
+from jaxdem.coupling.pistons_in_fluid import FluidOnWalls, numbers_of_interval, under_load
 from jaxdem.coupling.walls_in_fluid import WallsInFluid
 from jaxdem.errors import required
 from jaxdem.fluid.boundary import Boundary, velocity_at
 from jaxdem.fluid.fluid_state import FluidState
-from jaxdem.fluid.interval import FluidInterval
+from jaxdem.fluid.interval import FluidDiagnostics, FluidInterval
 from jaxdem.numerics import pair_arithmetic as pairs
 from jaxdem.numerics.blocks import Blocks
 from jaxdem.numerics.compensated import Pair
@@ -23,7 +24,7 @@ from jaxdem.numerics.static import static
 from jaxdem.numerics.tables import mean_over
 from jaxdem.particles.contact_interval import ContactInterval
 from jaxdem.particles.integrate import ParticleState
-from jaxdem.particles.moving_walls import WallMotions, placements
+from jaxdem.particles.moving_walls import PistonState, WallMotions, placements
 from jaxdem.particles.neighbor_search import NeighborSearch
 from jaxdem.particles.population import Population
 from jaxdem.scalars.scalars import Scalars
@@ -122,15 +123,40 @@ class Structure:
             parameters = parameters._replace(drag_scale=scale)
         return parameters
 
-    def with_moved_walls(self, parameters: Parameters, fluid: FluidState, step: Array) -> tuple[Parameters, FluidState]:
+    def with_moved_walls(
+        self, parameters: Parameters, fluid: FluidState, step: Array, pistons: PistonState | None = None
+    ) -> tuple[Parameters, FluidState]:
         """Parameters and fluid with the walls that the fluid sees where they are in the interval that begins after
-        `step` intervals; the same where none moves."""
+        `step` intervals, with these pistons; the same where none moves."""
         if self.walls_in_fluid is None:
             return parameters, fluid
         start, duration = self._start_pair(parameters, step), jnp.asarray(self.interval, parameters.gravity.dtype)
         properties = required(parameters.fluid, "parameters.fluid")
-        properties, fluid = self.walls_in_fluid.over(properties, fluid, parameters.wall_motion, start, duration)
+        numbers = parameters.wall_motion
+        if self.walls_in_fluid.pistons:
+            held = required(pistons, "pistons of the particles")
+            numbers = numbers_of_interval(self.walls_in_fluid.pistons, numbers, held, start)
+        properties, fluid = self.walls_in_fluid.over(properties, fluid, numbers, start, duration)
         return parameters._replace(fluid=properties), fluid
+
+    def with_loaded_pistons(
+        self, parameters: Parameters, state: State, report: FluidDiagnostics | None
+    ) -> tuple[Parameters, State]:
+        """Parameters and state with what the fluid does to the pistons that it sees in the interval that begins with
+        the state; the same without."""
+        if self.walls_in_fluid is None or not self.walls_in_fluid.pistons:
+            return parameters, state
+        particles, told = required(state.particles, "particles"), required(report, "report of the fluid")
+        load = required(told.surface_load, "loads on the surfaces")[..., 0]
+        density = required(parameters.fluid, "parameters.fluid").density
+        fluid = FluidOnWalls(load, required(told.response, "response of the surfaces"), density)
+        gravity = self.during(parameters, state.step).gravity
+        numbers, pistons = under_load(
+            self.walls_in_fluid.pistons, parameters.pistons, required(particles.pistons, "pistons"), fluid, gravity,
+            jnp.asarray(self.interval, gravity.dtype),
+        )  # fmt: skip
+        state = state._replace(particles=particles._replace(pistons=pistons))
+        return parameters._replace(pistons=numbers), state
 
     def time(self, parameters: Parameters, state: State) -> Array:
         """() simulated time of a state [s]."""

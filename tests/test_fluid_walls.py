@@ -60,7 +60,6 @@ STREAM = {"boundary": {"left": {"kind": "inlet", "velocity": [0.1, 0.0]}, "right
 def test_what_does_not_work_is_refused_by_name():
     wall = TILTED[2]
     assert "walls.0.begin" in refusal(tables(wall | {"begin": 0.1}))
-    assert "walls.0.piston" in refusal(tables(TILTED[0] | {"piston": {"direction": [0.0, 1.0], "force": 1.0}}))
     moving = {"motion": [{"kind": "translation", "velocity": [0.0, 0.1]}]}
     assert "no way out" in refusal(tables(TILTED[0] | moving, grains=False))
     assert "fluid.bed_mixing" in refusal(tables(wall, fluid={"bed_mixing": {"von_karman": 0.4}}))

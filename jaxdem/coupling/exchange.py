@@ -160,7 +160,8 @@ class Exchange:
         }
         return _Carry(
             fluid, jnp.zeros_like(fluid.pressure), velocity, zero, zero, zero,
-            jnp.zeros((2, dimension), dtype), jnp.zeros((), dtype), sums, self.interval.no_sums(fluid),
+            jnp.zeros((2, dimension), dtype), jnp.zeros((), dtype), sums,
+            self.interval.no_sums(fluid, self.start.properties),
         )  # fmt: skip
 
     def fluid_step(self, carry: _Carry, k: Array, begin: Array) -> tuple[_Carry, SolverRecord]:

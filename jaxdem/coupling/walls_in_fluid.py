@@ -18,6 +18,7 @@ from jax import Array, lax
 
 from jaxdem.coupling.body_grid import BodyGrid
 from jaxdem.coupling.open_parts import corner_points, cut_cells, on_corners
+from jaxdem.coupling.pistons_in_fluid import PistonInFluid
 from jaxdem.coupling.surface_velocity import swept, with_velocity
 from jaxdem.errors import required
 from jaxdem.fluid.cut_cells import CutCells
@@ -102,10 +103,12 @@ class WallsInFluid:
     Attributes:
         grid: its mesh.
         moving: the surfaces that move, come or vanish; at least one.
+        pistons: those of them that a force holds.
     """
 
     grid: Grid
     moving: tuple[MovingSurface, ...]
+    pistons: tuple[PistonInFluid, ...] = ()
 
     @property
     def change_place(self) -> tuple[MovingSurface, ...]:
@@ -165,7 +168,24 @@ class WallsInFluid:
         now = self.places(still, numbers, end, pairs.value(start) + 0.5 * duration)
         means = {s.number: self._mean(s, numbers, start, duration) for s in self.change_place}
         cut = self.with_velocities(self.cut(still, now), now, numbers, end, means)
+        if self.pistons:
+            cut = cut._replace(unit_swept=tuple(self._unit_swept(still, cut, now, means, p) for p in self.pistons))
         return cut, self._swept(still, cut, now, means)
+
+    def _unit_swept(
+        self,
+        still: StillDistances,
+        cut: CutCells,
+        distances: Sequence[Array],
+        means: dict[int, Placement],
+        piston: PistonInFluid,
+    ) -> Array:
+        """What a piston alone sweeps at 1 m/s [1/m]."""
+        xp, dtype, alone = namespace(distances[0]), distances[0].dtype, {}
+        for number, placed in means.items():
+            speed = np.asarray(piston.direction) * (number in piston.surfaces)
+            alone[number] = placed._replace(velocity=xp.asarray(speed, dtype), angular_velocity=None)
+        return self._swept(still, cut, distances, alone)
 
     def places(self, still: StillDistances, numbers: Sequence[Numbers], time: Pair, middle: Array) -> tuple[Array, ...]:
         """Distances of all surfaces at the corners at a time; of those far away that are not there in the interval with

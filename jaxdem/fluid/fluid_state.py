@@ -14,6 +14,7 @@ from jaxdem.fluid.mixing_length import BedMixing
 from jaxdem.fluid.pressure import SolverReport
 from jaxdem.fluid.second_fluid import SecondFluid
 from jaxdem.fluid.subgrid_stress import SubgridLaw
+from jaxdem.fluid.surface_response import SurfaceResponse
 
 
 class FluidState(NamedTuple):
@@ -138,6 +139,7 @@ class FluidStep(NamedTuple):
         surface_load: (S, D, 1 + D) the same on the surfaces within the mesh; None without [N], [N m].
         flux: volume flux g u at the end, which satisfies continuity over the step; None unless the solver keeps it
             [m/s].
+        response: of the loads to the speeds of pistons in the fluid; None without.
     """
 
     state: FluidState
@@ -147,3 +149,4 @@ class FluidStep(NamedTuple):
     side_load: Array | None = None
     surface_load: Array | None = None
     flux: FaceField | None = None
+    response: SurfaceResponse | None = None

@@ -17,6 +17,7 @@ from jaxdem.fluid.fluid_state import FluidProperties, FluidState, FluidStep
 from jaxdem.fluid.grid import FaceField, Grid, along, face_average
 from jaxdem.fluid.mesh import at_side, of_slab
 from jaxdem.fluid.momentum import FluidSolver
+from jaxdem.fluid.surface_response import SurfaceResponse
 from jaxdem.fluid.volume_of_fluid import surface_courant
 from jaxdem.numerics.batches import cond_in_batch
 from jaxdem.numerics.blocks import Blocks, any_of, largest
@@ -57,6 +58,7 @@ class FluidDiagnostics(NamedTuple):
         surface_load: (S, D, 1 + D) mean load on the surfaces within the mesh; None without [N], [N m].
         flux: mean volume flux on the faces; None unless the solver keeps it [m/s].
         heat: that two fluids have carried; None without.
+        response: of the loads to the speeds of pistons, mean over the steps; None without pistons in the fluid.
     """
 
     substeps: Array
@@ -71,6 +73,7 @@ class FluidDiagnostics(NamedTuple):
     surface_load: Array | None = None
     flux: FaceField | None = None
     heat: CarriedHeat | None = None
+    response: SurfaceResponse | None = None
 
 
 class Substeps(NamedTuple):
@@ -109,23 +112,28 @@ class StepSums(NamedTuple):
         mean_gradient: see `FluidState`; None where nothing drives the fluid.
         surface_load: see `FluidStep`; None without surfaces.
         flux: see `FluidStep`; None where it is not kept.
+        response: see `FluidStep`; None without pistons in the fluid.
     """
 
     side_load: Array | None
     mean_gradient: Array | None
     surface_load: Array | None = None
     flux: FaceField | None = None
+    response: SurfaceResponse | None = None
 
     def plus(self, result: FluidStep) -> StepSums:
         """With one step more."""
-        load, gradient, on_surfaces, flux = self
+        load, gradient, on_surfaces, flux, response = self
         load = None if load is None or result.side_load is None else load + result.side_load
         added = result.state.mean_gradient
         if on_surfaces is not None and result.surface_load is not None:
             on_surfaces = on_surfaces + result.surface_load
         if flux is not None and result.flux is not None:
             flux = tuple(f + x for f, x in zip(flux, result.flux, strict=True))
-        return StepSums(load, None if gradient is None or added is None else gradient + added, on_surfaces, flux)
+        if response is not None and result.response is not None:
+            response = jax.tree.map(jnp.add, response, result.response)
+        gradient = None if gradient is None or added is None else gradient + added
+        return StepSums(load, gradient, on_surfaces, flux, response)
 
 
 @static
@@ -163,10 +171,10 @@ class FluidInterval:
             result = self.solver.step(own, state, time + k * substeps.step, substeps.step)
             return (result.state, sums.plus(result)), solver_record(result)
 
-        (state, sums), record = self.loop(substeps.number, step, (state, self.no_sums(state)))
+        (state, sums), record = self.loop(substeps.number, step, (state, self.no_sums(state, properties)))
         return state, diagnostics(self.solver.grid, substeps, record, state, sums, properties)
 
-    def no_sums(self, state: FluidState) -> StepSums:
+    def no_sums(self, state: FluidState, properties: FluidProperties) -> StepSums:
         """Zeros to add up over the fluid steps."""
         size, dtype = self.solver.grid.dimension, state.pressure.dtype
         load = jnp.zeros((2 * size, size, 1 + size), dtype) if self.solver.measured_sides else None
@@ -174,7 +182,12 @@ class FluidInterval:
         on_surfaces = jnp.zeros((count, size, 1 + size), dtype) if count else None
         gradient = None if state.mean_gradient is None else jnp.zeros_like(state.mean_gradient)
         flux = tuple(map(jnp.zeros_like, state.face_velocity)) if self.solver.keeps_flux else None
-        return StepSums(load, gradient, on_surfaces, flux)
+        pistons = None if properties.cut is None else properties.cut.unit_swept
+        response = None
+        if pistons is not None:
+            blank = jnp.zeros((count, size), dtype)
+            response = SurfaceResponse(jnp.stack([blank] * len(pistons)), blank)
+        return StepSums(load, gradient, on_surfaces, flux, response)
 
     def choose(self, properties: FluidProperties, state: FluidState, time: Array) -> Substeps:
         """The fluid steps that Courant and viscosity number ask for, at least `substeps` of them."""
@@ -260,11 +273,13 @@ def diagnostics(
 ) -> FluidDiagnostics:
     """Figures of an interval that ends with `state`."""
     finite = [jnp.all(jnp.isfinite(field)) for field in (*state.face_velocity, state.pressure)]
-    load, gradient, on_surfaces, flux = jax.tree.map(lambda total: total / substeps.number, sums)
+    load, gradient, on_surfaces, flux, response = jax.tree.map(lambda total: total / substeps.number, sums)
     if gradient is not None:  # of the pressure itself, with the weight that the reduced one leaves out
         gradient = gradient + properties.density * required(properties.gravity, "gravity of the fluid")
     sound = jnp.all(jnp.asarray(finite))
     if grid.blocks is not None:
         sound = ~any_of(grid.blocks, ~sound)
     courant, viscous = substeps.courant, substeps.viscous
-    return FluidDiagnostics(substeps.number, courant, viscous, *record, sound, load, gradient, on_surfaces, flux)
+    return FluidDiagnostics(
+        substeps.number, courant, viscous, *record, sound, load, gradient, on_surfaces, flux, response=response
+    )  # fmt: skip

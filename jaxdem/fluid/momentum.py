@@ -44,9 +44,7 @@ from jaxdem.fluid.projection import Continuity, open_section, pressure_slope, pr
 from jaxdem.fluid.side_forces import pressure_on_sides
 from jaxdem.fluid.step_loads import StepLoads
 from jaxdem.fluid.subgrid import eddy_viscosity
-from jaxdem.fluid.subgrid_stress import (
-    subgrid_diffusivity,
-)
+from jaxdem.fluid.subgrid_stress import subgrid_diffusivity
 from jaxdem.numerics.static import static
 from jaxdem.numerics.tables import at_time
 
@@ -130,6 +128,8 @@ class FluidSolver:
             result = result._replace(side_load=on_sides)
         if cut is None:
             return result
+        if cut.unit_swept is not None:
+            result = result._replace(response=begun.response(push, self.surfaces))
         stress, load = self._at_surfaces(cut, loads, mean, particles, required(begun.at_surfaces, "viscosity"))
         return result._replace(viscous_acceleration=stress, surface_load=load)
 

@@ -6,6 +6,7 @@ import dataclasses
 
 from jax import Array
 
+from jaxdem.errors import required
 from jaxdem.fluid.boundary import set_normal_velocity
 from jaxdem.fluid.cut_projection import CutContinuity
 from jaxdem.fluid.cut_stress import CutViscosity
@@ -13,6 +14,7 @@ from jaxdem.fluid.fluid_state import FluidProperties, FluidState
 from jaxdem.fluid.grid import CellOrOne, FaceField
 from jaxdem.fluid.momentum_rates import MomentumRates, Rates, weighted
 from jaxdem.fluid.projection import Continuity, product
+from jaxdem.fluid.surface_response import SurfaceResponse, surface_response
 from jaxdem.numerics.stages import stage
 
 
@@ -84,6 +86,14 @@ class MomentumStep:
             return self.terms.of_stage(self.properties, flux, velocity, self.weight, void_fraction, time)
 
         return stage(self.time_step > 0.0, compute)
+
+    def response(self, push: tuple[CellOrOne, ...], count: int) -> SurfaceResponse:
+        """Of the loads on `count` surfaces to the speeds of pistons; `push` as in the projection [m3 s/kg]."""
+        terms, cut = self.terms, required(self.properties.cut, "cut cells")
+        viscosity = required(self.at_surfaces, "viscosity at surfaces").on_faces(terms.grid)
+        friction = product((self.properties.density * nu for nu in viscosity), cut.friction)
+        coefficient = product(self.open_new, push)
+        return surface_response(terms.grid, terms.boundary, cut, coefficient, friction, count)
 
     def predicted(self) -> tuple[Rates, FaceField]:
         """Mean rates, and the velocity that they lead to, before the projection."""

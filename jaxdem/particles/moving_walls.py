@@ -84,11 +84,13 @@ class PistonState(NamedTuple):
         displacement: (H,) from where the scene has them, along their directions, leading part [m].
         displacement_low: (H,) trailing part; None in float64 [m].
         velocity: (H,) along the directions [m/s].
+        seen_velocity: (H,) that the fluid saw in the interval before; None where it sees no piston [m/s].
     """
 
     displacement: Array
     displacement_low: Low
     velocity: Array
+    seen_velocity: Array | None = None
 
     def drifted(self, time_step: Array) -> PistonState:
         """Moved by velocity times `time_step` [s]."""

@@ -42,6 +42,7 @@ class ProfiledProgram:
     ) -> None:
         self._mesh = simulation.mesh if isinstance(simulation, DividedSimulation) else None
         self._timed, own = timed, simulation.of_slab() if isinstance(simulation, DividedSimulation) else simulation
+        self._own = own
         keeps_flux = own.fluid is not None and own.fluid.solver.keeps_flux
         report: Any = SAME
         if keeps_flux:
@@ -78,7 +79,8 @@ class ProfiledProgram:
         with self._timed("particle_part"):
             if self._carries_scalars:
                 scalars, of_fluid = self._scalars(parameters, state, neighbors, flow)
-            moved = jax.block_until_ready(self._particles(parameters, state, neighbors, forces, scalars))
+            loaded, held = self._own.with_loaded_pistons(parameters, state, of_fluid)
+            moved = jax.block_until_ready(self._particles(loaded, held, neighbors, forces, scalars))
             particles, neighbors, of_particles, places, scalars = moved
         diagnostics = Diagnostics(of_particles, of_fluid, of_exchange, forces, places)
         records, code, step = self._closed(diagnostics, state.step)

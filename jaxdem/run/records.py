@@ -75,7 +75,9 @@ def history_of(case: Case, instant: Instant, frame: Frame, means: Means) -> dict
             collision = collision / float(bodies.parcels.grains)
     if fluid is not None:
         arrays |= {"fluid_pressure": fluid["pressure"], "fluid_velocity": fluid["velocity"]}
-        open_cells = case.fluid_walls.open_cells(case.scene, instant.time)
+        pistons = None if instant.state.particles is None else instant.state.particles.pistons
+        ways = None if pistons is None else np.asarray(pistons.displacement, np.float64).tolist()
+        open_cells = case.fluid_walls.open_cells(case.scene, instant.time, ways)
         if open_cells is not None:  # cells that are more open than solid
             is_open = open_cells >= 0.5
             arrays |= {name: arrays[name][is_open] for name in ("fluid_pressure", "fluid_velocity")}

@@ -35,22 +35,19 @@ def check_fluid_walls(walls: tuple[Wall, ...], fluid: Fluid | None, coupling: Co
         key = f"walls.{number}.fluid"
         if fluid is None:
             raise InputError(key, wall.fluid, "the scene has no fluid", "remove this key, or add [fluid]")
-        _check_motion(f"walls.{number}", wall)
+        if wall.piston is not None and coupling is None:
+            limit = "a piston that the fluid sees is part of the motion of the particles, and the scene has none"
+            raise InputError(f"walls.{number}.piston", "...", limit, "add [particles], or give the wall a motion")
     if seen and fluid is not None:
         _check_models(fluid, coupling)
 
 
-def _check_motion(key: str, wall: Wall) -> None:
-    if wall.piston is not None:
-        limit = "a wall that the fluid sees moves by a given motion alone"
-        remedy = 'set fluid = "none" for this wall, or leave this key out'
-        raise InputError(f"{key}.piston", wall.piston, limit, remedy)
-
-
 def keeps_place(wall: Wall) -> bool:
     """Whether the surface of a wall stays where it is while the wall moves: a plane that moves in its own directions or
-    turns about its normal, a cylinder about or along its axis, a wedge along its edge. Never a mesh's."""
-    return wall.kind != "mesh" and all(_along_itself(wall, motion) for motion in wall.motion or ())
+    turns about its normal, a cylinder about or along its axis, a wedge along its edge. Never a mesh's or a piston's."""
+    return (
+        wall.kind != "mesh" and wall.piston is None and all(_along_itself(wall, motion) for motion in wall.motion or ())
+    )
 
 
 def _along_itself(wall: Wall, motion: WallMotion) -> bool:

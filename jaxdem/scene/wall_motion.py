@@ -120,8 +120,8 @@ class WallMotion(Section):
 
 class Piston(Section):
     """A wall that a force holds along a direction e: m dv/dt = F + m g.e - c v + f.e, with g gravity and f the force
-    of the grains on it. It starts at rest where the keys of the wall have it, and does not turn or move across e but
-    by `motion`.
+    of the grains on it, and of the fluid that sees it. It starts at rest where the keys of the wall have it, and does
+    not turn or move across e but by `motion`.
 
     Attributes:
         direction: direction e of its motion and of the force, any length.

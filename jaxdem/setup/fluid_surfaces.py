@@ -5,14 +5,16 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 from jax import Array
 
+from jaxdem.coupling.open_parts import corner_points
+from jaxdem.coupling.pistons_in_fluid import PistonInFluid
 from jaxdem.coupling.walls_in_fluid import FAR, MovingSurface, signed_distance
-from jaxdem.errors import InputError
+from jaxdem.errors import InputError, required
 from jaxdem.fluid.grid import Grid
 from jaxdem.numerics.placement import Placement
 from jaxdem.numerics.tables import Window
@@ -25,7 +27,9 @@ from jaxdem.scene.walls import Wall
 from jaxdem.setup.fluid_meshes import distance_of_body, mesh_distance
 from jaxdem.setup.wall_motion import motion_numbers, rigid_motion, tables_of
 from jaxdem.setup.walls import check_presence, surfaces_of
-from jaxdem.solids.motion_tables import number, placement_of
+from jaxdem.solids.clipping import positive_part
+from jaxdem.solids.motion import Drift, RigidMotion, Translation
+from jaxdem.solids.motion_tables import number, placement_of, unit
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,7 +76,7 @@ def surfaces_in_fluid(scene: Scene, grid: Grid, begin: float, interval: float) -
     found: list[SeenSurface] = []
     for number_of_wall, wall in seen_by_fluid(scene.walls):
         sticks = wall.fluid == "no_slip"
-        motion, stays = rigid_motion(wall), keeps_place(wall)
+        motion, stays = motion_in_fluid(wall), keeps_place(wall)
         placed = None if motion is None else placement_of(tables_of(wall), begin)
         if wall.kind == "mesh":
             mesh = _mesh_in_fluid((number_of_wall, len(found)), wall, scene, grid, placed)
@@ -88,6 +92,30 @@ def surfaces_in_fluid(scene: Scene, grid: Grid, begin: float, interval: float) -
             distance = _placed_distance(functools.partial(signed_distance, shape), None if stays else placed)
             seen = SeenSurface(len(found), number_of_wall, sticks, distance, placed, moving)
             found.append(_in_its_time(seen, wall, grid, (begin, interval)))
+    return tuple(found)
+
+
+def motion_in_fluid(wall: Wall) -> RigidMotion | None:
+    """The motion of a wall, with that of a piston within an interval; None at rest."""
+    given = rigid_motion(wall)
+    if wall.piston is None:
+        return given
+    drift = Translation(unit(wall.piston.direction), Drift())
+    return RigidMotion((*(() if given is None else given.parts), drift))
+
+
+def pistons_in_fluid(scene: Scene, grid: Grid, surfaces: Sequence[SeenSurface]) -> tuple[PistonInFluid, ...]:
+    """The pistons among the surfaces that the fluid sees."""
+    pistons, found = [k for k, wall in enumerate(scene.walls) if wall.piston is not None], []
+    for own in (k for k in pistons if scene.walls[k].seen_by_fluid):
+        wall, rows = scene.walls[own], tuple(s.number for s in surfaces if s.wall == own)
+        displaced = 0.0
+        if wall.kind in ("mesh", "cylinder") and not wall.inside:
+            distance: Any = surfaces[rows[0]].distance(corner_points(grid))
+            solid = 1.0 - np.asarray(positive_part(distance, tuple(range(grid.dimension))).fraction)
+            displaced = float(np.sum(solid)) * grid.cell_volume
+        direction = unit(required(wall.piston, "piston").direction)
+        found.append(PistonInFluid(pistons.index(own), own, rows, direction, displaced))
     return tuple(found)
 
 
@@ -108,7 +136,7 @@ def _mesh_in_fluid(
 ) -> SeenSurface:
     """A mesh that the fluid sees, by its numbers among the walls and the surfaces; `placed` where one that moves is."""
     number_of_wall, own = numbers
-    key, sticks, motion = f"walls.{number_of_wall}", wall.fluid == "no_slip", rigid_motion(wall)
+    key, sticks, motion = f"walls.{number_of_wall}", wall.fluid == "no_slip", motion_in_fluid(wall)
     if motion is None:
         return SeenSurface(own, number_of_wall, sticks, mesh_distance(key, wall, scene, grid))
     corners, values = distance_of_body(key, wall, scene, grid)
@@ -117,9 +145,20 @@ def _mesh_in_fluid(
     return SeenSurface(own, number_of_wall, sticks, distance, placed, moving, values)
 
 
-def host_numbers(scene: Scene) -> tuple[Any, ...]:
-    """Numbers of the motion of every wall of the scene, in float64."""
-    return tuple(motion_numbers(wall, np.asarray) for wall in scene.walls)  # type: ignore[arg-type]
+def host_numbers(scene: Scene, time: float, displacements: Sequence[float] | None = None) -> tuple[Any, ...]:
+    """Numbers of the motion of every wall of the scene at a time, in float64.
+
+    Args:
+        scene: the scene.
+        time: [s].
+        displacements: of its pistons; None where the scene has them [m].
+    """
+    numbers: list[Any] = [motion_numbers(wall, np.asarray) for wall in scene.walls]  # type: ignore[arg-type]
+    pistons = [k for k, wall in enumerate(scene.walls) if wall.piston is not None]
+    for k, way in zip(pistons, displacements or [0.0] * len(pistons), strict=True):
+        own = {"displacement": (number(way), None), "velocity": number(0.0), "since": (number(time), None)}
+        numbers[k] = (*numbers[k], own)
+    return tuple(numbers)
 
 
 def wall_speed_in_fluid(scene: Scene) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import jax
 import numpy as np
@@ -20,7 +21,7 @@ from jaxdem.scene.fluid_walls import seen_by_fluid
 from jaxdem.setup.cut_cells import FluidSurface, cut_cells_of
 from jaxdem.setup.even_deposition import even_factors
 from jaxdem.setup.extensions import Extensions
-from jaxdem.setup.fluid_surfaces import SeenSurface, host_numbers, surfaces_in_fluid
+from jaxdem.setup.fluid_surfaces import SeenSurface, host_numbers, pistons_in_fluid, surfaces_in_fluid
 from jaxdem.setup.moving_fluid_walls import (
     check_bodies_that_come,
     check_way_out,
@@ -70,13 +71,15 @@ class FluidWalls:
         found: np.ndarray = np.min([surface.distance_at_start(points) for surface in self.surfaces], axis=0)
         return found
 
-    def open_cells(self, scene: Scene, time: float) -> np.ndarray | None:
-        """Open part of every cell at a time, at the end of an interval [s]; None without walls in the fluid."""
+    def open_cells(self, scene: Scene, time: float, displacements: Sequence[float] | None = None) -> np.ndarray | None:
+        """Open part of every cell at a time, at the end of an interval [s], with these displacements of the pistons
+        [m]; None without walls in the fluid."""
         if self.cut is None or self.moving is None or self.still is None or not self.moving.change_place:
             return None if self.cut is None else np.asarray(self.cut.open_cells)
         begin, interval = self.times
         middle = max(time - 0.5 * interval, begin + 0.5 * interval)
-        return open_cells_at(self.moving, self.still, host_numbers(scene), time, middle)
+        numbers = host_numbers(scene, time, displacements)
+        return open_cells_at(self.moving, self.still, numbers, time, middle)
 
     def put_into(self, parameters: Parameters) -> Parameters:
         """The parameters with the open parts of the mesh."""
@@ -124,7 +127,10 @@ def fluid_walls(
     moving = still = None
     found = tuple(s.moving for s in surfaces if s.moving is not None)
     if found:
-        moving = WallsInFluid(grid, found)
+        moving = WallsInFluid(grid, found, pistons_in_fluid(scene, grid, surfaces))
+        if moving.pistons and scene.start is not None:
+            limit = "does not work with a piston that the fluid sees: the mesh is cut where the scene has it"
+            raise InputError("start", "...", limit, 'set fluid = "none" for the piston, or begin without [start]')
         still = still_distances(grid, surfaces)
         if moving.change_place:
             check_bodies_that_come(scene, moving, boundary)

@@ -104,11 +104,11 @@ def looks(scene: Scene, moving: WallsInFluid, still: StillDistances, times: tupl
         times: at which the run begins, and its coupling interval [s].
     """
     begin, interval = times
-    numbers, duration = host_numbers(scene), number(interval)
+    duration = number(interval)
     last = max(begin, scene.time.end - interval)
     changes = {change for gate in moving.gates for change in (gate.window.begin, gate.window.end)}
     for time in sorted({*np.linspace(begin, last, LOOKS).tolist(), *(t for t in changes if begin < t <= last)}):
-        cut, swept = moving.cut_and_swept(still, numbers, (number(time), None), duration)
+        cut, swept = moving.cut_and_swept(still, host_numbers(scene, time), (number(time), None), duration)
         yield Look(time, cut, np.asarray(swept))
 
 
@@ -126,7 +126,8 @@ def check_way_out(scene: Scene, moving: WallsInFluid, boundary: Boundary, look: 
     """
     time, cut, swept = look
     wall, cells = moving.change_place[0], np.asarray(cut.open_cells)
-    key = f"walls.{wall.wall}.{'fluid' if wall.motion is None else 'motion'}"
+    given = scene.walls[wall.wall]
+    key = f"walls.{wall.wall}.{'motion' if given.motion else 'piston' if given.piston else 'fluid'}"
     if not np.any(cells):
         limit = f"leaves no cell of the fluid open at {time:.4g} s"
         raise InputError(key, "...", limit, "shorten the way of the wall, or end the run before")
@@ -137,7 +138,6 @@ def check_way_out(scene: Scene, moving: WallsInFluid, boundary: Boundary, look: 
         if side.kind == "inlet" and boundary.has_outlet and np.any((cut_off & fluid)[place]):
             limit = f"shuts the inlet {name} off from the outlets at {time:.4g} s"
             raise InputError(key, "...", limit, "leave a gap of two cells, or another way")
-    either_way = np.sum(np.abs(swept))
     spaces = [("the fluid there", cut_off & fluid)]
     if not boundary.has_outlet:
         spaces.append(("the fluid in the box", ~cut_off & fluid))
@@ -145,6 +145,8 @@ def check_way_out(scene: Scene, moving: WallsInFluid, boundary: Boundary, look: 
         if scene.particles is not None and words == "the fluid there" and space.any():
             limit = f"cuts {space.sum()} cells off from the rest of the fluid at {time:.4g} s, with grains"
             raise InputError(key, "...", limit, "leave a gap of two cells, or another way")
-        if abs(np.sum(swept[space])) > LARGEST_LEFT * max(either_way, 1e-300):
-            limit = f"squeezes {words} at {time:.4g} s, which has no way out ({space.sum()} cells)"
-            raise InputError(key, "...", limit, 'make a side of kind "outlet" there, or move a whole body')
+        # What pistons sweep is not known before the run; that at 1 m/s shows whether there is a way out.
+        for one in (swept, *(np.asarray(unit) for unit in cut.unit_swept or ())):
+            if abs(np.sum(one[space])) > LARGEST_LEFT * max(np.sum(np.abs(one)), 1e-300):
+                limit = f"squeezes {words} at {time:.4g} s, which has no way out ({space.sum()} cells)"
+                raise InputError(key, "...", limit, 'make a side of kind "outlet" there, or move a whole body')

@@ -39,4 +39,6 @@ def first_pistons(scene: Scene, dtype: np.dtype[np.floating], start: StartPoint 
         values[name] = on_device(column, dtype)
     if dtype == np.float64:
         values["displacement_low"] = None
+    if not any(wall.piston is not None and wall.seen_by_fluid for wall in scene.walls):
+        values["seen_velocity"] = None
     return PistonState(**values)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from jax import Array
@@ -117,6 +117,20 @@ class Table(Course):
         here = pairs.chosen(time[0] < start[0], pairs.as_pair(values[0]), here)
         here = pairs.chosen(time[0] >= start[-1], pairs.as_pair(values[-1]), here)
         return here, xp.where(inside, rate, 0.0)
+
+
+@static
+class Drift(Course):
+    """x + v (t - t0): what a force holds, within an interval. Numbers are `displacement` x as a pair [m], `velocity` v
+    [m/s] and `since` t0 as a pair [s]."""
+
+    NUMBERS: ClassVar[tuple[str, ...]] = ("displacement", "velocity", "since")
+
+    def at(self, numbers: Any, time: Pair) -> tuple[Pair, Array]:
+        """See `Course`."""
+        elapsed = pairs.total(time, pairs.negative(numbers["since"]))
+        way = pairs.product(elapsed, pairs.as_pair(numbers["velocity"]))
+        return pairs.total(way, numbers["displacement"]), numbers["velocity"]
 
 
 @static

@@ -25,6 +25,7 @@ MODULES = (
     "outlets",
     "walls_in_fluid",
     "moving_in_fluid",
+    "pistons_in_fluid",
     "exchange",
     "fluidised",
     "hindered",

@@ -1,0 +1,117 @@
+"""Walls that a force holds and that the fluid sees: where they are in an interval, and what the fluid does to them.
+
+In a coupling interval the fluid sees a piston of mass m go on with the velocity v that it has at its start. The load L
+of the fluid, the mean over the interval, then moves it together with the grains. A change of v acts on the fluid in
+the next interval, so L has a part -M' a: a is the change of v that the fluid saw from the last interval to this one,
+over the interval t, and M' = Z t with Z the load that a change of the speed by 1 m/s makes, by inertia and drag, see
+`fluid.surface_response`. A piston lighter than the fluid that it moves would be unstable if L were all. So M' is on
+both sides:
+
+    (m + M') dv/dt = F + m g.e + L + M' a - c v + f.e - rho V g.e
+
+Where M' is the added mass this is exact for a motion with constant acceleration, and stable whatever m is: an error of
+a is times (M' - M)/(m + M') in the next interval, M the true added mass, which is less than M'. V is the volume of
+fluid that a body displaces, as L is of the reduced pressure. Derived here; for explicit coupling and added mass see P.
+Causin, J. F. Gerbeau, F. Nobile, Comput. Methods Appl. Mech. Eng. 194 (2005) 4506-4527.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jax import Array, lax
+
+from jaxdem.fluid.surface_response import SurfaceResponse
+from jaxdem.numerics.compensated import Pair
+from jaxdem.numerics.static import static
+from jaxdem.particles.moving_walls import Numbers, PistonNumbers, PistonState
+
+
+@static
+class PistonInFluid:
+    """A piston that the fluid sees; static.
+
+    Attributes:
+        number: among the pistons.
+        wall: number of its wall in the scene.
+        surfaces: its surfaces, among those that the fluid sees.
+        direction: unit vector that it moves along, D numbers.
+        displaced: V, volume of fluid that it displaces; 0 of a plane or wedge, which has no other side [m3].
+    """
+
+    number: int
+    wall: int
+    surfaces: tuple[int, ...]
+    direction: tuple[float, ...]
+    displaced: float = 0.0
+
+
+class FluidOnWalls(NamedTuple):
+    """What the fluid does to the surfaces in an interval.
+
+    Attributes:
+        load: (S, D) mean force on every surface [N].
+        response: its change by the speed of the pistons.
+        density: () [kg/m3].
+    """
+
+    load: Array
+    response: SurfaceResponse
+    density: Array
+
+
+def numbers_of_interval(
+    pistons: Sequence[PistonInFluid], numbers: Sequence[Numbers], state: PistonState, start: Pair
+) -> tuple[Numbers, ...]:
+    """Numbers of the motion of every wall, with those of the pistons after their given ones: see `motion.Drift`.
+
+    Args:
+        pistons: that the fluid sees.
+        numbers: of the given motion of every wall.
+        state: at the start of the interval.
+        start: () of the interval as a pair [s].
+    """
+    found = list(numbers)
+    for piston in pistons:
+        k, low = piston.number, state.displacement_low
+        own = {
+            "displacement": (state.displacement[k], None if low is None else low[k]),
+            "velocity": state.velocity[k],
+            "since": start,
+        }
+        found[piston.wall] = (*numbers[piston.wall], own)  # type: ignore[arg-type,assignment]
+    return tuple(found)
+
+
+def under_load(
+    pistons: Sequence[PistonInFluid],
+    numbers: Sequence[PistonNumbers],
+    state: PistonState,
+    fluid: FluidOnWalls,
+    gravity: Array,
+    duration: Array,
+) -> tuple[tuple[PistonNumbers, ...], PistonState]:
+    """The numbers of all pistons in an interval, with the fluid's part, and their state as the next one needs it.
+
+    Args:
+        pistons: that the fluid sees.
+        numbers: of all.
+        state: of all at its start.
+        fluid: what it does to the surfaces.
+        gravity: (D,) [m/s2].
+        duration: () t, of the interval [s].
+    """
+    found, before = list(numbers), state.velocity if state.seen_velocity is None else state.seen_velocity
+    for row, piston in enumerate(pistons):
+        k, along = piston.number, jnp.asarray(piston.direction, gravity.dtype)
+        own, weight = numbers[k], jnp.dot(along, gravity)
+        rows = jnp.asarray(piston.surfaces)
+        load = jnp.dot(along, jnp.sum(fluid.load[rows], axis=0)) - piston.displaced * fluid.density * weight
+        pressure, friction = (part[rows] for part in (fluid.response.pressure[row], fluid.response.friction))
+        response = -jnp.dot(along, jnp.sum(pressure, axis=0)) - jnp.dot(along**2, jnp.sum(friction, axis=0))
+        added = lax.stop_gradient(jnp.maximum(response, 0.0) * duration)
+        held = (state.velocity[k] - before[k]) / duration - weight
+        found[k] = own._replace(force=own.force + load + added * held, mass=own.mass + added)
+    return tuple(found), state._replace(seen_velocity=state.velocity)

@@ -1,0 +1,65 @@
+"""Walls that a force holds in the fluid: the added mass, a body that floats, and what is refused.
+
+`tests/cases/pistons_in_fluid.py` has the closed forms.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxdem import build, load_scene
+from jaxdem.fluid import momentum_step
+from tests.cases.pistons_in_fluid import DENSITY, DEPTH, STEP, before_column, column, march, scene_of
+from tests.test_fluid_walls import refusal
+
+
+def test_the_added_mass_is_that_of_the_column_and_holds_a_light_piston(monkeypatch):
+    """A piston 140 times lighter than the water before it. With the whole load explicit it swings ever wider."""
+    found, _, told = march(before_column(0.01), 4)
+    exact = column(0.01, 4)
+    np.testing.assert_allclose(found[:, 1], exact[:, 1], rtol=0.015)
+    added = -STEP * float(told.fluid.response.pressure[0, 0, 0])
+    assert added == pytest.approx(DENSITY * DEPTH * 0.2 * (0.35 - exact[-1, 0]), rel=0.015)
+    plain = momentum_step.surface_response
+
+    def unknown(*given):
+        return jax.tree.map(jnp.zeros_like, plain(*given))
+
+    monkeypatch.setattr(momentum_step, "surface_response", unknown)
+    found, _, _ = march(before_column(0.01), 4)
+    assert np.abs(found[:, 1]).max() > 100.0 * exact[-1, 1]
+
+
+def body(mass):
+    wall = {"kind": "cylinder", "center": [0.15, 0.1], "radius": 0.05, "inside": False, "fluid": "free_slip"}
+    wall["piston"] = {"direction": [0.0, 1.0], "force": 0.0, "mass": mass}
+    beside = {"position": [[0.28, 0.1]]}
+    return scene_of(wall, [0.3, 0.2], [15, 10], domain={"gravity": [0.0, -10.0]}, particles=beside)
+
+
+def test_a_body_floats_by_the_water_that_it_displaces():
+    """At rest if it is as heavy; a lighter one rises, with an added mass between that of a cylinder in an endless
+    fluid, rho V, and twice that."""
+    simulation, _ = build(load_scene(body(0.15)))
+    displaced = simulation.walls_in_fluid.pistons[0].displaced
+    assert displaced == pytest.approx(np.pi * 0.05**2 * DEPTH, rel=0.03)
+    resting, _, told = march(body(DENSITY * displaced), 3)
+    assert np.abs(resting[:, 1]).max() < 1e-12
+    added = -STEP * float(told.fluid.response.pressure[0, 0, 1])
+    assert 1.0 < added / (DENSITY * displaced) < 2.0
+    mass = 0.5 * DENSITY * displaced
+    rising, _, _ = march(body(mass), 6)
+    expected = (DENSITY * displaced - mass) * 10.0 / (mass + added) * STEP
+    np.testing.assert_allclose(rising[:, 1], expected * np.arange(1, 7), rtol=0.05)
+
+
+def test_what_is_refused():
+    alone = before_column(0.01)
+    for name in ("particles", "contact", "coupling"):
+        del alone[name]
+    assert "scene has none" in refusal(alone)
+    closed = before_column(0.01)
+    del closed["boundary"]
+    assert "no way out" in refusal(closed)
+    assert "start" in refusal(before_column(0.01) | {"start": {"from": "runs/none"}})
