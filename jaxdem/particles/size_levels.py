@@ -15,6 +15,8 @@ finer to the coarser level).
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
@@ -22,7 +24,8 @@ from jax import Array, lax
 from jaxdem.numerics.host import namespace
 from jaxdem.numerics.static import static
 from jaxdem.numerics.vectors import Vector
-from jaxdem.particles.cells import CellGrid, column_table, picked
+from jaxdem.particles.cells import CellGrid, column_table
+from jaxdem.particles.pairs import at
 
 ROUNDING = 1e-6
 """Of a radius, so that a grain in float32 is in its level."""
@@ -145,7 +148,7 @@ class LevelTables:
         Returns:
             (K, N) int32 with the particle itself in empty slots, the last ones; and () bool: there was not enough room.
         """
-        own, level = jnp.arange(self.particles, dtype=jnp.int32), self.levels.of_radius(radius)
+        level = self.levels.of_radius(radius)
         homes, around = self.homes(position, level), self.around(position, level)
         if active is not None:
             position = tuple(jnp.where(active, x, jnp.nan) for x in position)
@@ -155,43 +158,92 @@ class LevelTables:
             if not grids:
                 continue
             nobody = columns_of(grids)
-            table, full = column_table(nobody, home if active is None else jnp.where(active, home, nobody), rows[kind])
-            table = jnp.pad(table, ((0, 0), (0, 1)), constant_values=self.particles)
-            words.append(self._words(position, radius, reach, table, cells, same_level=kind == 0))
+            there = home if active is None else jnp.where(active, home, nobody)
+            rows_of, full = column_table(nobody, there, rows[kind])
+            sizes = (nobody,) if kind == 0 else tuple(grid.columns for grid in grids)
+            filled = _filled_rows(rows_of < self.particles, sizes)
+            table = _Table(jnp.pad(rows_of, ((0, 0), (0, 1)), constant_values=self.particles), cells, filled)
+            words.append(self._words(position, radius, reach, table, same_level=kind == 0))
             crowded = crowded | full
-            tables.append((table, cells))
-        slot, number, bit, total = picked(jnp.concatenate(words), own, slots, 3 ** len(self.box))
-        found, begin = jnp.broadcast_to(own, number.shape), 0
-        for table, cells in tables:
-            groups, most, _ = cells.shape
-            inside = jnp.clip(number - begin, 0, len(table) * groups - 1)
-            column = cells[inside % groups, jnp.minimum(bit, most - 1), own[None]]
-            found = jnp.where(number >= begin, table[inside // groups, column], found)
-            begin += len(table) * groups
-        return jnp.where(slot < total[None], found, own[None]), crowded | (jnp.max(total) > slots)
+            tables.append(table)
+        index, most = self._picked(jnp.concatenate(words), tables, slots)
+        return index, crowded | (most > slots)
 
-    def _words(
-        self, position: Vector, radius: Array, reach: Array, table: Array, around: Array, same_level: bool
-    ) -> Array:
+    def _picked(self, words: Array, tables: list[_Table], slots: int) -> tuple[Array, Array]:
+        """(K, N) the particles of the first bits that are set in each column of words, its own in empty slots; and ()
+        the most that are set.
+
+        Slot by slot: a particle owns few, and there are many words, nearly all of them empty.
+        """
+        own = jnp.arange(self.particles, dtype=jnp.int32)
+        most = jnp.max(jnp.sum(lax.population_count(words), axis=0)).astype(jnp.int32)
+
+        def fill(slot: Array, both: tuple[Array, Array]) -> tuple[Array, Array]:
+            words, index = both
+            number = jnp.argmax(words > 0, axis=0).astype(jnp.int32)
+            word = words[number, own]
+            bit = lax.population_count((word & -word) - 1).astype(jnp.int32)
+            found, begin = own, 0
+            for table in tables:
+                groups, cells, _ = table.around.shape
+                inside = jnp.clip(number - begin, 0, len(table.rows) * groups - 1)
+                column = table.around[inside % groups, jnp.minimum(bit, cells - 1), own]
+                found = jnp.where(number >= begin, table.rows[inside // groups, column], found)
+                begin += len(table.rows) * groups
+            index = index.at[slot].set(jnp.where(word > 0, found, own))
+            return words.at[number, own].set(word & (word - 1)), index
+
+        index = jnp.broadcast_to(own, (slots, self.particles))
+        return lax.fori_loop(0, jnp.minimum(most, slots), fill, (words, index))[1], most
+
+    def _words(self, position: Vector, radius: Array, reach: Array, table: _Table, same_level: bool) -> Array:
         """(R G, N) uint32, of every row of the table and group of cells around, cell by cell: is the particle owned."""
         own, far = jnp.arange(self.particles, dtype=jnp.int32), jnp.full((1,), jnp.nan, radius.dtype)
-        bit = jnp.left_shift(jnp.uint32(1), jnp.arange(around.shape[1], dtype=jnp.uint32))[None, :, None]
+        groups, cells, _ = table.around.shape
+        bit = jnp.left_shift(jnp.uint32(1), jnp.arange(cells, dtype=jnp.uint32))[:, None]
+        with_far, ends = tuple(jnp.concatenate((x, far)) for x in (*position, radius)), jnp.cumsum(table.filled)
 
-        def of_row(row: Array) -> Array:
-            squared = jnp.zeros(around.shape, radius.dtype)
-            for x, length, wraps in zip(position, self.box, self.periodic, strict=True):
-                apart = x[None, None] - jnp.concatenate((x, far))[row][around]
+        def look(number: Array, words: Array) -> Array:
+            group = jnp.sum(number >= ends, dtype=jnp.int32)
+            row = number - (ends - table.filled)[group]
+            holds, columns = table.rows[row], table.around[group]
+            *places, size = at(at(with_far, holds), columns)
+            squared = jnp.zeros(columns.shape, radius.dtype)
+            for x, place, length, wraps in zip(position, places, self.box, self.periodic, strict=True):
+                apart = x[None] - place
                 if wraps:
                     apart = apart - length * jnp.round(apart / length)
                 squared = squared + apart * apart
-            size = jnp.concatenate((radius, far))[row][around]
-            near = squared < (reach[None, None] + size) ** 2
+            near = squared < (reach[None] + size) ** 2
             if same_level:
-                later = row[around] > own[None, None]
-                near = near & ((size > radius[None, None]) | ((size == radius[None, None]) & later))
-            return jnp.sum(jnp.where(near, bit, jnp.uint32(0)), axis=1, dtype=jnp.uint32)
+                later = at((holds,), columns)[0] > own[None]
+                near = near & ((size > radius[None]) | ((size == radius[None]) & later))
+            word = jnp.sum(jnp.where(near, bit, jnp.uint32(0)), axis=0, dtype=jnp.uint32)
+            return words.at[row * groups + group].set(word)
 
-        return lax.map(of_row, table).reshape(-1, self.particles)
+        blank = jnp.zeros((len(table.rows) * groups, self.particles), jnp.uint32)
+        return lax.fori_loop(0, ends[-1], look, blank)
+
+
+class _Table(NamedTuple):
+    """A table of columns, and who looks where.
+
+    Attributes:
+        rows: (R, C + 1) the particles of every column, N where there is none; the last column is empty.
+        around: (G, M, N) columns in which each particle looks, group by group.
+        filled: (G,) int32, rows that hold anybody in the columns of each group. There is room for more, which nobody
+            need look at.
+    """
+
+    rows: Array
+    around: Array
+    filled: Array
+
+
+def _filled_rows(there: Array, sizes: tuple[int, ...]) -> Array:
+    """(G,) int32 rows that hold anybody, of (R, C) columns in groups of these sizes; a column fills from the first."""
+    groups = jnp.split(there, np.cumsum(sizes)[:-1], axis=1)
+    return jnp.stack([jnp.sum(jnp.any(group, axis=1), dtype=jnp.int32) for group in groups])
 
 
 def columns_of(grids: list[CellGrid]) -> int:
