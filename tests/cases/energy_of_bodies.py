@@ -3,10 +3,11 @@ grains that enter and leave, the fluid. Every scene is a closed box of a few bod
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 from tests.cases.clumps import BENT
-from tests.cases.energy import BOX, MASS, RADIUS, balance_of, figures_of, in_space, tilted, with_tables
+from tests.cases.energy import BOX, MASS, RADIUS, SHAKE, balance_of, figures_of, in_space, tilted, with_tables
 from tests.cases.registry import Figure, at_least, below, case
 
 PLANE_ROD = {"name": "rod", "centres": [[-1.0, 0.0], [0.0, 0.0], [1.0, 0.0]], "radii": [1.0, 1.0, 1.0]}
@@ -53,6 +54,15 @@ FILM = {"cutoff": 2e-4, "roughness": 2e-6, "viscosity": 2e-3}
 
 MESH = {"kind": "mesh", "points": [[0.001, 0.002], [0.01, 0.0005], [0.019, 0.002]]}
 
+VALLEY = {
+    "kind": "mesh",
+    "file": str(Path(__file__).parents[1] / "data" / "valley.obj"),
+    "translate": [0.0, 0.0, -9.5e-4],
+}
+"""Four triangles, two planes that meet in an edge."""
+
+FLOOR = {"kind": "plane", "point": [0.0, 0.001], "normal": [0.1, 1.0]}
+
 COMES = [{"kind": "oscillation", "amplitude": 1e-3, "frequency": 120.0, "direction": [-1.0, 0.3]}]
 """It meets a rod that goes away from it."""
 
@@ -69,6 +79,13 @@ BODIES: dict[str, dict[str, Any]] = {
     "lubrication": with_tables(BOX, contact={"lubrication": FILM}),
     "a mesh": with_tables(BOX, walls=[MESH]),
     "rods on a mesh": with_tables(RODS, walls=[MESH]),
+    "bonds that hold, on planes that oscillate": with_tables(
+        BEAM, walls=[tilted(motion=SHAKE), FLOOR | {"motion": SHAKE}]
+    ),
+    "spheres on a mesh in space": in_space(with_tables(BOX, walls=[VALLEY])),
+    "rods and a plane that comes and goes": with_tables(
+        RODS, walls=[FLOOR | {"begin": 1e-3, "end": 6e-3}], coupling={"interval": 1e-3}
+    ),
 }  # fmt: skip
 
 
