@@ -245,8 +245,7 @@ class Beginning:
         void_fraction = None
         if self.simulation.coupling is not None and state is not None and own is not None:
             stored = self.start.arrays.get("state.fluid.void_fraction")
-            beside_walls = self.parameters.flow.cut is not None  # those of the run before may have been others
-            if stored is not None and self._same_deposit(own) and not beside_walls:
+            if stored is not None and self._same_deposit(own):
                 void_fraction = on_device(stored, self._dtype)
             else:
                 void_fraction = initial_void_fraction(self.simulation.coupling, self.parameters.mixture, state)
@@ -257,9 +256,12 @@ class Beginning:
         return StartedFluid(self.start, solver, now.flow, void_fraction, self._dtype).state()
 
     def _same_deposit(self, own: StartedParticles) -> bool:
-        """Whether the particles fill the cells as they did: the same particles, mesh and distribution of volume."""
+        """Whether the particles fill the cells as they did: the same particles, mesh, walls in it and distribution of
+        volume."""
         before, tables = self.start.tables, self.scene.tables()
         same = all(before.get(name) == tables.get(name) for name in ("coupling", "domain", "boundary"))
+        if any(wall.get("fluid", "none") != "none" for wall in (*before.get("walls", []), *tables.get("walls", []))):
+            same = same and before.get("walls") == tables.get("walls")
         same = same and before["fluid"]["cells"] == tables["fluid"]["cells"]
         unmoved = not self.start.merged and not own.settings.relax
         return same and unmoved and own.added is None and len(own.removed) == 0

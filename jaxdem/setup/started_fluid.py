@@ -65,7 +65,7 @@ class StartedFluid:
             velocity = self._solenoidal(self._flux(cells, from_faces))
             pressure = remap_cells(dataclasses.replace(grid, cells=cells), grid, pressure)
         fluid = FluidState(velocity, on_device(pressure, self.dtype), self.void_fraction, self._mean_gradient())
-        fluid = with_start_of_solver(fluid, self.flow)
+        fluid = self._with_start_of_solver(fluid)
         name = "state.fluid.liquid_fraction" if from_faces else "cells/liquid_fraction"
         if (name in arrays) != isinstance(self.solver, TwoFluidSolver):
             here, there = ("two fluids", "one") if name in arrays else ("one fluid", "two")
@@ -77,6 +77,14 @@ class StartedFluid:
         if cells != grid.cells:
             fraction = remap_cells(dataclasses.replace(grid, cells=cells), grid, fraction)
         return with_liquid(fluid, grid, fraction, self.dtype)
+
+    def _with_start_of_solver(self, fluid: FluidState) -> FluidState:
+        """The fluid with what the solver between surfaces begins with: that of the run on the same mesh."""
+        fluid = with_start_of_solver(fluid, self.flow)
+        stored = self.start.arrays.get("state.fluid.pressure_change")
+        if fluid.pressure_change is None or stored is None or stored.shape != fluid.pressure_change.shape:
+            return fluid
+        return fluid._replace(pressure_change=on_device(stored, self.dtype))
 
     def _doubled(self, face: np.ndarray, axis: int) -> np.ndarray:
         """Face velocities whose first and last layer are one where the axis is periodic now."""
