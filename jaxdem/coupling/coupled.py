@@ -162,7 +162,7 @@ class Coupling:
         grid, cut = solver.grid, properties.cut
         weights = self.weights(mixture, particles)
         solids = solid_fraction(grid, weights, bodies.volume, cut)
-        slope = seen_slope(solver.slope_at_particles(properties, fluid), cut)
+        slope = seen_slope(grid, solver.slope_at_particles(properties, fluid), cut)
         fields = MeshFields(fluid.face_velocity, slope, solids, fluid.liquid_fraction)
         inputs = drag_inputs(grid, weights, fields, particles.velocity, bodies, properties)
         sampled = SampledFluid(weights, solids, inputs, inputs)

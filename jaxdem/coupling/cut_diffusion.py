@@ -33,12 +33,14 @@ class CutDiffusion(NamedTuple):
     """exp(s^2/2 A) between surfaces.
 
     Attributes:
+        grid: static.
         conductance: s^2/2 a'/h^2 of every axis on its faces, 0 on closed ones and on sides of the box [-].
         open_cells: v, 1 for cells without fluid [-].
         series: (K,) coefficients of the polynomials in 1 + 2 s^2/2 A / `bound` [-].
         bound: of the eigenvalues of -s^2/2 A [-].
     """
 
+    grid: Grid
     conductance: FaceField
     open_cells: Array
     series: np.ndarray
@@ -70,10 +72,11 @@ class CutDiffusion(NamedTuple):
         """2 s^2/2 A c / bound."""
         xp, parts = namespace(c), []
         for axis, k in enumerate(self.conductance):
-            # Around the seam of a periodic axis, whose first and last face are one; elsewhere both are zero.
-            seam = along(k, axis, 0, 1) * (along(c, axis, 0, 1) - along(c, axis, -1, None))
-            inner = along(k, axis, 1, -1) * (along(c, axis, 1, None) - along(c, axis, None, -1))
-            flux = xp.concatenate((seam, inner, seam), axis)
+            # On sides of the box the conductance is zero.
+            ends = end_faces(self.grid, axis, c, _step, lambda first, last: (0.0 * first, 0.0 * last))
+            flux = k * xp.concatenate(
+                (ends[0], _step(along(c, axis, None, -1), along(c, axis, 1, None)), ends[1]), axis
+            )
             parts.append(along(flux, axis, 1, None) - along(flux, axis, None, -1))
         return (2.0 / self.bound) * sum_of(parts) / self.open_cells
 
@@ -95,7 +98,11 @@ def cut_diffusion(grid: Grid, cut: CutCells, deviation: tuple[float, ...]) -> Cu
         factor = 0.5 * (s / h) ** 2
         conductance.append(factor * xp.minimum(a, xp.concatenate((ends[0], least, ends[1]), axis)))
         bound += 4.0 * factor
-    return CutDiffusion(tuple(conductance), xp.where(v > 0.0, v, 1.0), exponential_series(bound, v.dtype), bound)
+    return CutDiffusion(grid, tuple(conductance), xp.where(v > 0.0, v, 1.0), exponential_series(bound, v.dtype), bound)
+
+
+def _step(below: Array, above: Array) -> Array:
+    return above - below
 
 
 def exponential_series(bound: float, dtype: np.dtype) -> np.ndarray:

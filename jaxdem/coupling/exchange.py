@@ -340,7 +340,8 @@ class Exchange:
     def _pressure_impulse(self, fluid: FluidState) -> Array:
         """(N, D) -t V grad p [kg m/s]; with the tension of a surface between two fluids -t V (grad p - tension)."""
         properties = self.start.properties
-        slope = seen_slope(self.interval.solver.slope_at_particles(properties, fluid), properties.cut)
+        slope = self.interval.solver.slope_at_particles(properties, fluid)
+        slope = seen_slope(self.start.grid, slope, properties.cut)
         volume = as_column(self.start.bodies.volume)
         return -self.substeps.step * volume * interpolate_faces(self.start.weights, slope)
 

@@ -227,6 +227,13 @@ def interpolate(weights: Weights, cells: tuple[Array, ...]) -> Array:
     return jnp.einsum("ns,nsk->nk", weights.weight, table[weights.index], precision=PRECISION)
 
 
+def in_reach(weights: Weights, cells: Array) -> Array:
+    """A cell field in the cells that each particle reaches, (N, S)."""
+    if weights.halo is not None:
+        (cells,) = weights.halo.filled([cells])
+    return namespace(weights.weight).ravel(cells)[weights.index]
+
+
 def deposit_on_faces(grid: Grid, weights: Weights, quantity: Array) -> FaceField:
     """Particle quantities (N,) or (N, D) spread over the faces; (N,) goes to the faces of every axis alike."""
     if quantity.ndim == 1:

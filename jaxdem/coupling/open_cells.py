@@ -6,7 +6,7 @@ from jax import Array
 
 from jaxdem.coupling.cut_diffusion import cut_diffusion
 from jaxdem.coupling.deposition import Deposition, Diffusion
-from jaxdem.coupling.interpolation import Weights
+from jaxdem.coupling.interpolation import Weights, in_reach
 from jaxdem.errors import required
 from jaxdem.fluid.cut_cells import CutCells
 from jaxdem.fluid.grid import FaceField, Grid
@@ -36,7 +36,7 @@ def open_weights(weights: Weights, cut: CutCells | None) -> Weights:
     if cut is None:
         return weights
     xp, factors = namespace(weights.weight), required(cut.deposit_weights, "deposit_weights of the cut cells")
-    shares = weights.weight * xp.ravel(factors)[weights.index]
+    shares = weights.weight * in_reach(weights, factors)
     total = xp.sum(shares, axis=1, keepdims=True)
     reaches = total > 1e-6
     return weights._replace(weight=xp.where(reaches, shares / xp.where(reaches, total, 1.0), weights.weight))
@@ -58,6 +58,6 @@ def of_whole_cells(cells: Array, cut: CutCells | None) -> Array:
     return cells * xp.where(cut.open_cells > 0.0, cut.open_cells, 1.0)
 
 
-def seen_slope(slope: FaceField, cut: CutCells | None) -> FaceField:
+def seen_slope(grid: Grid, slope: FaceField, cut: CutCells | None) -> FaceField:
     """A gradient on the faces as particles see it: on closed faces that of the open ones beside them."""
-    return slope if cut is None else continued(cut.open_faces, slope)
+    return slope if cut is None else continued(grid, cut.open_faces, slope)

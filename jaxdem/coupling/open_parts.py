@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.typing import DTypeLike
 
 from jaxdem.errors import required
 from jaxdem.fluid.cut_cells import CutCells
 from jaxdem.fluid.cut_friction import friction_of
 from jaxdem.fluid.grid import FaceField, Grid, along
+from jaxdem.fluid.mesh import end_faces
 from jaxdem.fluid.open_faces import LEAST_OPEN, links_of
 from jaxdem.numerics.host import namespace
+from jaxdem.numerics.vectors import Vector
 from jaxdem.solids.clipping import positive_part
 
 ON_SURFACE = 1e-9
@@ -25,12 +29,28 @@ DEAD_ENDS = 2
 
 def corner_points(grid: Grid) -> np.ndarray:
     """(n + 1, m + 1, ..., D) corners of the cells [m]."""
-    return _points(grid, [np.arange(n + 1.0) for n in grid.cells])
+    return _points(grid, _numbers(grid, None))
 
 
 def face_points(grid: Grid, axis: int) -> np.ndarray:
     """(..., D) middles of the faces of an axis [m]."""
-    return _points(grid, [np.arange(n + 1.0) if a == axis else np.arange(n) + 0.5 for a, n in enumerate(grid.cells)])
+    return _points(grid, _numbers(grid, axis))
+
+
+def places_in_box(grid: Grid, axis: int | None, dtype: DTypeLike) -> Vector:
+    """D arrays of `face_points`, or without an axis of `corner_points`; of a slab where it lies in the box [m]."""
+    numbers, cut = _numbers(grid, axis), grid.blocks
+    if cut is None:
+        points: Any = _points(grid, numbers).astype(dtype)
+        return tuple(points[..., k] for k in range(grid.dimension))
+    # Whole numbers before they are multiplied: both slabs have the same places on their border, bit for bit.
+    begin = (cut.index() * grid.cells[cut.axis]).astype(dtype)
+    own = [jnp.asarray(k, dtype) + begin if a == cut.axis else jnp.asarray(k, dtype) for a, k in enumerate(numbers)]
+    return tuple(jnp.meshgrid(*(k * h for k, h in zip(own, grid.spacing, strict=True)), indexing="ij"))
+
+
+def _numbers(grid: Grid, axis: int | None) -> list[np.ndarray]:
+    return [np.arange(n + 1.0) if axis in (None, a) else np.arange(n) + 0.5 for a, n in enumerate(grid.cells)]
 
 
 def _points(grid: Grid, numbers: Sequence[np.ndarray]) -> np.ndarray:
@@ -123,11 +143,9 @@ def _close_around(grid: Grid, faces: _Faces, cells: Array) -> None:
     """Closes all faces of some cells."""
     xp = namespace(cells)
     for axis in range(grid.dimension):
-        first, last = along(cells, axis, 0, 1), along(cells, axis, -1, None)
-        if grid.periodic[axis]:
-            first = last = first | last
-        closed = xp.concatenate((cells, last), axis) | xp.concatenate((first, cells), axis)
-        faces.close(axis, closed)
+        inner = along(cells, axis, None, -1) | along(cells, axis, 1, None)
+        ends = end_faces(grid, axis, cells, lambda below, above: below | above, lambda first, last: (first, last))
+        faces.close(axis, xp.concatenate((ends[0], inner, ends[1]), axis))
 
 
 def mean_of_corners(corners: Array, axes: tuple[int, ...]) -> Array:

@@ -39,7 +39,7 @@ import numpy as np
 from jax import Array
 
 from jaxdem.closures.base import Drag, DragInputs
-from jaxdem.coupling.interpolation import Weights
+from jaxdem.coupling.interpolation import Weights, in_reach
 from jaxdem.fluid.cut_cells import CutCells
 from jaxdem.fluid.grid import Grid
 from jaxdem.numerics.static import static
@@ -127,7 +127,7 @@ def own_solid_fraction(grid: Grid, weights: Weights, volume: Array, cut: CutCell
     """
     squared = weights.weight**2
     if cut is not None:
-        open_part = jnp.ravel(cut.open_cells)[weights.index]
+        open_part = in_reach(weights, cut.open_cells)
         squared = jnp.where(open_part > 0.0, squared / jnp.where(open_part > 0.0, open_part, 1.0), 0.0)
     return volume / grid.cell_volume * jnp.sum(squared, axis=1)
 

@@ -6,9 +6,10 @@ from collections.abc import Sequence
 
 from jax import Array
 
-from jaxdem.coupling.open_parts import face_points, mean_of_corners
+from jaxdem.coupling.open_parts import mean_of_corners, places_in_box
 from jaxdem.fluid.cut_cells import CutCells
 from jaxdem.fluid.grid import FaceField, Grid, along, divergence
+from jaxdem.fluid.mesh import past_borders
 from jaxdem.numerics.host import namespace
 from jaxdem.numerics.placement import Placement
 from jaxdem.numerics.vectors import Vector
@@ -61,8 +62,8 @@ def feet(grid: Grid, distance: Array, axis: int) -> Vector:
     squared = sum(s * s for s in slopes)
     usable = (squared > 0.5) & (squared < 2.0)
     way = xp.where(usable, apart / xp.where(usable, squared, 1.0), 0.0)
-    points = face_points(grid, axis).astype(distance.dtype)
-    return tuple(points[..., k] - way * s for k, s in enumerate(slopes))
+    points = places_in_box(grid, axis, distance.dtype)
+    return tuple(x - way * s for x, s in zip(points, slopes, strict=True))
 
 
 def slopes_at_faces(grid: Grid, distance: Array, axis: int) -> Vector:
@@ -75,9 +76,9 @@ def slopes_at_faces(grid: Grid, distance: Array, axis: int) -> Vector:
             slopes.append((along(near, k, 1, None) - along(near, k, None, -1)) / grid.spacing[k])
             continue
         steps = (along(near, k, 1, None) - along(near, k, None, -1)) / grid.spacing[k]
-        ends = along(steps, k, 0, 1), along(steps, k, -1, None)
-        inner = 0.5 * (along(steps, k, None, -1) + along(steps, k, 1, None))
-        slopes.append(xp.concatenate((ends[0], inner, ends[1]), k))
+        ends = past_borders(grid, k, steps, -1, 0, (along(steps, k, 0, 1), along(steps, k, -1, None)))
+        wide = xp.concatenate((ends[0], steps, ends[1]), k)
+        slopes.append(0.5 * (along(wide, k, None, -1) + along(wide, k, 1, None)))
     return tuple(slopes)
 
 
@@ -120,5 +121,5 @@ def _middles_of_closed(grid: Grid, distance: Array, open_part: Array, axis: int)
     slopes[axis] = xp.zeros_like(slopes[axis])
     size = sum(abs(s) for s in slopes)
     share = xp.where(size > 0.0, 0.5 * open_part / xp.where(size > 0.0, size, 1.0), 0.0)
-    points = face_points(grid, axis).astype(distance.dtype)
-    return tuple(points[..., k] - share * h * s for k, (h, s) in enumerate(zip(grid.spacing, slopes, strict=True)))
+    points = places_in_box(grid, axis, distance.dtype)
+    return tuple(x - share * h * s for x, h, s in zip(points, grid.spacing, slopes, strict=True))

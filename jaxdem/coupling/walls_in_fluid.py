@@ -9,6 +9,7 @@ the cells that are open now.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 
@@ -17,7 +18,7 @@ import numpy as np
 from jax import Array, lax
 
 from jaxdem.coupling.body_grid import BodyGrid
-from jaxdem.coupling.open_parts import corner_points, cut_cells, on_corners
+from jaxdem.coupling.open_parts import cut_cells, on_corners, places_in_box
 from jaxdem.coupling.pistons_in_fluid import PistonInFluid
 from jaxdem.coupling.surface_velocity import swept, with_velocity
 from jaxdem.errors import required
@@ -27,6 +28,7 @@ from jaxdem.fluid.grid import Grid, sum_of
 from jaxdem.fluid.open_faces import next_to
 from jaxdem.numerics import pair_arithmetic as pairs
 from jaxdem.numerics.batches import cond_in_batch
+from jaxdem.numerics.blocks import Blocks
 from jaxdem.numerics.compensated import Pair
 from jaxdem.numerics.host import namespace
 from jaxdem.numerics.placement import Placement, at_rest
@@ -110,6 +112,10 @@ class WallsInFluid:
     moving: tuple[MovingSurface, ...]
     pistons: tuple[PistonInFluid, ...] = ()
 
+    def in_blocks(self, blocks: Blocks) -> WallsInFluid:
+        """The walls as a slab of the box sees them."""
+        return dataclasses.replace(self, grid=self.grid.in_blocks(blocks))
+
     @property
     def change_place(self) -> tuple[MovingSurface, ...]:
         """Those of which the mesh is cut anew in every interval."""
@@ -154,9 +160,9 @@ class WallsInFluid:
         if properties.cut is not None and properties.cut.deposit_weights is not None:
             cut = cut._replace(deposit_weights=cut.open_cells)
         before = former.open_cells > 0.0
-        pressure = _in_new_cells(state.pressure, before, fluid)
+        pressure = _in_new_cells(self.grid, state.pressure, before, fluid)
         if renewed is not None:
-            pressure = cond_in_batch(renewed, lambda p: _in_new_bodies(p, before, fluid), pressure)
+            pressure = cond_in_batch(renewed, lambda p: _in_new_bodies(self.grid, p, before, fluid), pressure)
         return properties._replace(cut=cut), state._replace(pressure=pressure)
 
     def cut_and_swept(
@@ -191,10 +197,7 @@ class WallsInFluid:
         """Distances of all surfaces at the corners at a time; of those far away that are not there in the interval with
         this middle [m]."""
         found, dtype = list(still.distances), still.distances[0].dtype
-        points = corner_points(self.grid)
-        corners = tuple(
-            namespace(still.distances[0]).asarray(points[..., k].astype(dtype)) for k in range(points.shape[-1])
-        )
+        corners = tuple(map(namespace(still.distances[0]).asarray, places_in_box(self.grid, None, dtype)))
         for surface in self.change_place:
             if surface.shape is not None:
                 own, low = surface.at(numbers, time, len(corners)).to_body(corners, (None,) * len(corners))
@@ -266,22 +269,22 @@ class WallsInFluid:
         return swept(self.grid, cut, open_faces, bodies, nearest)
 
 
-def _in_new_cells(pressure: Array, before: Array, now: Array) -> Array:
+def _in_new_cells(grid: Grid, pressure: Array, before: Array, now: Array) -> Array:
     """The pressure, in cells that have just opened the mean of their neighbours that were open [Pa]."""
     xp = namespace(pressure)
     known, open_before = xp.where(before, pressure, 0.0), before.astype(pressure.dtype)
-    total = sum_of(next_to(known, axis) for axis in range(pressure.ndim))
-    count = sum_of(next_to(open_before, axis) for axis in range(pressure.ndim))
+    total = sum_of(next_to(grid, known, axis) for axis in range(pressure.ndim))
+    count = sum_of(next_to(grid, open_before, axis) for axis in range(pressure.ndim))
     new = now & ~before & (count > 0.0)
     return xp.where(new, total / xp.where(count > 0.0, count, 1.0), pressure)
 
 
-def _in_new_bodies(pressure: Array, before: Array, now: Array) -> Array:
+def _in_new_bodies(grid: Grid, pressure: Array, before: Array, now: Array) -> Array:
     """The same of bodies that are many cells thick: from the cells that were open inwards [Pa]."""
 
     def further(_: int, carry: tuple[Array, Array]) -> tuple[Array, Array]:
         value, known = carry
-        beside = sum_of(next_to(known.astype(value.dtype), axis) for axis in range(value.ndim)) > 0.0
-        return _in_new_cells(value, known, now), known | (now & beside)
+        beside = sum_of(next_to(grid, known.astype(value.dtype), axis) for axis in range(value.ndim)) > 0.0
+        return _in_new_cells(grid, value, known, now), known | (now & beside)
 
-    return lax.fori_loop(0, max(pressure.shape), further, (pressure, before))[0]
+    return lax.fori_loop(0, max(grid.whole_cells), further, (pressure, before))[0]

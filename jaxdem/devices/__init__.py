@@ -8,7 +8,8 @@
 A distributed state is the usual `State`. Arrays of `particles` and `fluid`, of the list, and of `forces` and `places`
 of the diagnostics have an axis of slabs in front, (B, ...), spread over the devices by `mesh.SLABS`; `step` and the
 other diagnostics are the same everywhere. A slab has R rows: `particles.identity` (B, R) says which particle is in a
-row, `particles.active` in which rows there is one. Parameters are those of one device, by identity.
+row, `particles.active` in which rows there is one. Parameters are those of one device, by identity; beside walls that
+the fluid sees they are those of `build(scene, devices=...)`, with an axis of slabs in front of what belongs to cells.
 
 - `divided(simulation, devices, position)`: what `build(devices=...)` does with a simulation.
 - `distributed(simulation, parameters, state, neighbors)`: a state on one device, or what `gathered` gave, in slabs.
@@ -20,6 +21,8 @@ row, `particles.active` in which rows there is one. Parameters are those of one 
 - `mesh.on_slabs(mesh, function, given, result)`: any function of one slab, such as a loop over many intervals of
   `jaxdem.step.step(simulation, ...)`, as one program over all devices. The specifications `mesh.STATE`, `mesh.SLABS`,
   `mesh.SAME` and `mesh.DIAGNOSTICS` say how its arguments and results are spread.
+  `parameters.spread(parameters)` says it of parameters.
+- `simulation.with_parts(parameters)`: parameters of one device as those of the slabs; `of_whole` is the way back.
 - `counts(neighbors)`: particles, ghosts, migrations and moves of the cut planes.
 - `SlabRoom.of(neighbors)`: rows, ghosts, travellers and pairs that there is room for.
 """

@@ -42,12 +42,6 @@ REFUSED = (
     ),
     Refused("bonds", "...", "bonds between particles of which some leave or come in", _bonds_in_a_population),
     Refused(
-        "walls",
-        "fluid",
-        "walls that the fluid sees",
-        lambda simulation: simulation.fluid is not None and simulation.fluid.solver.surfaces > 0,
-    ),
-    Refused(
         "surface",
         "...",
         "two fluids",

@@ -10,7 +10,8 @@ import numpy as np
 from jax.sharding import Mesh
 
 from jaxdem.devices.cut import STRAY, drift_of, slabs_of
-from jaxdem.devices.mesh import DIAGNOSTICS, SAME, SLABS, STATE, device_mesh, on_slabs
+from jaxdem.devices.mesh import DIAGNOSTICS, SLABS, STATE, device_mesh, on_slabs
+from jaxdem.devices.parameters import cells_on_devices, in_slabs, of_slabs, on_devices, spread
 from jaxdem.devices.refused import require_divisible
 from jaxdem.errors import required
 from jaxdem.numerics.blocks import Blocks
@@ -58,7 +59,7 @@ class DividedSimulation(Simulation):
         mapped = on_slabs(
             required(self.mesh, "mesh"),
             lambda *given: step(self, *given),
-            (SAME, STATE, SLABS),
+            (spread(parameters), STATE, SLABS),
             (STATE, SLABS, DIAGNOSTICS),
         )
         found: tuple[State, Neighbors | None, Diagnostics] = mapped(parameters, state, neighbors)
@@ -67,6 +68,23 @@ class DividedSimulation(Simulation):
     def of_slab(self) -> Simulation:
         """What runs within `mesh.on_slabs`: its step is that of one slab, which knows its neighbours."""
         return Simulation(**{field.name: getattr(self, field.name) for field in dataclasses.fields(Simulation)})
+
+    def with_parts(self, parameters: Parameters) -> Parameters:
+        """Parameters of one device, in which what belongs to cells is on the devices, of each its slab's part."""
+        return cells_on_devices(required(self.mesh, "mesh"), self.in_slabs(parameters))
+
+    def on_devices(self, parameters: Parameters) -> Parameters:
+        """The same with all of them on the devices."""
+        return on_devices(required(self.mesh, "mesh"), self.in_slabs(parameters))
+
+    def in_slabs(self, parameters: Parameters) -> Parameters:
+        """The same on the host."""
+        whole = required(self.whole, "whole")
+        return in_slabs(self.slabs, whole.walls_in_fluid, parameters)
+
+    def of_whole(self, parameters: Parameters) -> Parameters:
+        """The inverse of `with_parts`; every process must call it."""
+        return of_slabs(self.slabs, parameters)
 
     def undivided(self) -> Simulation:
         """The same simulation on one device."""
@@ -104,6 +122,8 @@ def divided(
     if simulation.fluid is not None:
         drift = drift_of(simulation)
         own["fluid"] = simulation.fluid.in_blocks(blocks, drift)
+        if simulation.walls_in_fluid is not None:
+            own["walls_in_fluid"] = simulation.walls_in_fluid.in_blocks(blocks)
         if simulation.coupling is not None:
             own["coupling"] = simulation.coupling.in_blocks(blocks, drift)
     if count is None:

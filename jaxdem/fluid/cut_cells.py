@@ -33,6 +33,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.fluid.grid import CellOrOne, FaceField, Grid, along
+from jaxdem.numerics.blocks import total
 
 LEAST_INERTIA = 0.5
 """Of a control volume, in parts of a whole one [-]."""
@@ -96,10 +97,11 @@ class CutCells(NamedTuple):
         """The faces, zero where they are open."""
         return tuple(jnp.where(a > 0.0, 0.0, f) for a, f in zip(self.open_faces, faces, strict=True))
 
-    def growth(self, rate: Array | float, closed_box: bool) -> Array:
+    def growth(self, grid: Grid, rate: Array | float, closed_box: bool) -> Array:
         """Rate of change of the volume of fluid in every cell, over that of a whole cell [1/s].
 
         Args:
+            grid: the grid.
             rate: of the void fraction [1/s].
             closed_box: whether there is no outlet. Particles and bodies keep their volume, so the mean is rounding
                 then, which no flow can take up.
@@ -110,7 +112,8 @@ class CutCells(NamedTuple):
         if not closed_box:
             return rate
         fluid = self.open_cells > 0.0
-        mean = jnp.sum(rate) / jnp.sum(fluid.astype(rate.dtype))
+        changed, cells = total(grid.blocks, (jnp.sum(rate), jnp.sum(fluid.astype(rate.dtype))))
+        mean = changed / cells
         return jnp.where(fluid, rate - mean, 0.0)
 
     def with_walls(self, velocity: FaceField) -> FaceField:

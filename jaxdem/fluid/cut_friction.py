@@ -7,6 +7,7 @@ from typing import NamedTuple
 from jax import Array
 
 from jaxdem.fluid.grid import FaceField, Grid, along
+from jaxdem.fluid.mesh import Ends, beyond
 from jaxdem.fluid.open_faces import padded
 from jaxdem.numerics.host import namespace
 
@@ -110,15 +111,16 @@ def exchange_with_surface(grid: Grid, which: int | None, volumes: Volumes) -> Ar
 
 def _with_distance_beyond(grid: Grid, distance: Array, which: int | None, axis: int) -> Array:
     """Distances with one layer more on either end of an axis; beyond a side they go on linearly."""
-    xp, count = namespace(distance), grid.cells[axis]
-    if grid.periodic[axis]:
-        first = 1 if which == axis else 0
-        ends = along(distance, axis, count - 1, count), along(distance, axis, first, first + 1)
-        return xp.concatenate((ends[0], distance, ends[1]), axis)
-    beyond = []
-    for end, inner in (((0, 1), (1, 2)), ((-1, None), (-2, -1))):
-        own, before = along(distance, axis, *end), along(distance, axis, *inner)
-        if before.shape[axis] == 0:
-            before = own
-        beyond.append(2.0 * own - xp.where(before > 0.0, before, own))
-    return xp.concatenate((beyond[0], distance, beyond[1]), axis)
+    xp, shared = namespace(distance), int(which == axis)
+
+    def outside() -> Ends:
+        found = []
+        for end, inner in (((0, 1), (1, 2)), ((-1, None), (-2, -1))):
+            own, before = along(distance, axis, *end), along(distance, axis, *inner)
+            if before.shape[axis] == 0:
+                before = own
+            found.append(2.0 * own - xp.where(before > 0.0, before, own))
+        return found[0], found[1]
+
+    ends = beyond(grid, axis, distance, (-1 - shared,), (shared,), outside)
+    return xp.concatenate((ends[0], distance, ends[1]), axis)

@@ -14,9 +14,10 @@ from jax import Array, lax
 
 from jaxdem.fluid.boundary import Boundary
 from jaxdem.fluid.cut_cells import CutCells
-from jaxdem.fluid.grid import CellOrOne, FaceField, Grid, box_largest, divergence, sum_of
+from jaxdem.fluid.grid import CellOrOne, FaceField, Grid, agreed, box_largest, divergence, sum_of
 from jaxdem.fluid.pressure import SolverReport, pressure_gradient, solve_pressure
 from jaxdem.numerics.batches import cond_in_batch
+from jaxdem.numerics.blocks import total
 from jaxdem.numerics.products import PRECISION
 
 FLUX_TOLERANCE = 1e-3
@@ -104,7 +105,7 @@ class CutContinuity(NamedTuple):
                 grid, self.boundary, coefficient, now.source, tolerance * scale, self._fluid
             )
             slope = pressure_gradient(grid, self.boundary, correction)
-            velocity = tuple(u - c * s for u, c, s in zip(now.velocity, push, slope, strict=True))
+            velocity = agreed(grid, tuple(u - c * s for u, c, s in zip(now.velocity, push, slope, strict=True)))
             flux = tuple(g * u for g, u in zip(void_fraction, velocity, strict=True))
             left = divergence(grid, flux) + self.growth
             return _Projected(velocity, now.pressure + correction, left, now.iterations + report.iterations)
@@ -143,7 +144,7 @@ class CutContinuity(NamedTuple):
         trend = lax.stop_gradient(self.trend)
         slope = pressure_gradient(self.grid, self.boundary, trend)
         taken = divergence(self.grid, tuple(c * s for c, s in zip(coefficient, slope, strict=True)))
-        size = jnp.vdot(taken, taken, precision=PRECISION)
-        share = jnp.vdot(source, taken, precision=PRECISION) / jnp.where(size > 0.0, size, 1.0)
-        share = lax.stop_gradient(share)
+        size, both = jnp.vdot(taken, taken, precision=PRECISION), jnp.vdot(source, taken, precision=PRECISION)
+        size, both = total(self.grid.blocks, (size, both))
+        share = lax.stop_gradient(both / jnp.where(size > 0.0, size, 1.0))
         return tuple(share * s for s in slope), source - share * taken, share * trend

@@ -18,9 +18,12 @@ from jaxdem.fluid.grid import (
     control_width,
     divergence,
     face_average_along,
+    no_ends,
+    slope_over,
     sum_of,
     sum_of_fields,
 )
+from jaxdem.fluid.mesh import end_faces
 from jaxdem.fluid.open_faces import continued
 
 
@@ -105,7 +108,7 @@ def seen_stress(grid: Grid, boundary: Boundary, cut: CutCells, stress: FaceField
     for axis, (a, s, f) in enumerate(zip(cut.open_faces, stress, friction, strict=True)):
         own = jnp.where(a > 0.0, (s - f) / jnp.where(a > 0.0, a, 1.0), 0.0)
         found.append(to_boundary(grid, boundary, own, axis))
-    return continued(cut.open_faces, tuple(found))
+    return continued(grid, cut.open_faces, tuple(found))
 
 
 def _expansion_of_whole_cells(grid: Grid, cut: CutCells, velocity: FaceField) -> Array:
@@ -115,13 +118,13 @@ def _expansion_of_whole_cells(grid: Grid, cut: CutCells, velocity: FaceField) ->
 def _between_whole_cells(grid: Grid, cut: CutCells, axis: int) -> Array:
     whole = cut.open_cells >= 1.0
     inner = along(whole, axis, None, -1) & along(whole, axis, 1, None)
-    seam = along(whole, axis, -1, None) & along(whole, axis, 0, 1) & grid.periodic[axis]
-    return jnp.concatenate((seam, inner, seam), axis)
+    ends = end_faces(grid, axis, whole, lambda below, above: below & above, no_ends)
+    return jnp.concatenate((ends[0], inner, ends[1]), axis)
 
 
 def _inner_slope(grid: Grid, cell: Array, axis: int) -> Array:
     """Slope on the faces, zero on sides."""
     h = grid.spacing[axis]
     inner = (along(cell, axis, 1, None) - along(cell, axis, None, -1)) / h
-    seam = (along(cell, axis, 0, 1) - along(cell, axis, -1, None)) / h * grid.periodic[axis]
-    return jnp.concatenate((seam, inner, seam), axis)
+    ends = end_faces(grid, axis, cell, slope_over(h), no_ends)
+    return jnp.concatenate((ends[0], inner, ends[1]), axis)

@@ -70,6 +70,11 @@ def slope_over(spacing: float) -> Callable[[Array, Array], Array]:
     return lambda below, above: (above - below) / spacing
 
 
+def no_ends(first: Array, last: Array) -> Ends:
+    """Nothing on the sides of the box, for `end_faces`."""
+    return jnp.zeros_like(first), jnp.zeros_like(last)
+
+
 def continued_from(inner: Array, axis: int) -> Callable[[Array, Array], Ends]:
     """Values of the nearest inner faces on the sides of the box, for `end_faces`."""
     return lambda first, last: nearest_inner(inner, axis, first)

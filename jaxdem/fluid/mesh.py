@@ -24,6 +24,7 @@ from jax import Array, lax
 from jax.typing import DTypeLike
 
 from jaxdem.numerics.blocks import Blocks
+from jaxdem.numerics.host import namespace
 from jaxdem.numerics.static import static
 
 FaceField = tuple[Array, ...]
@@ -110,7 +111,7 @@ def along(array: Array, axis: int, start: int | None, stop: int | None) -> Array
 def layers(array: Array, axis: int, indices: tuple[int, ...]) -> Array:
     """Some layers of an array along an axis; negative numbers count from its end."""
     count = array.shape[axis]
-    return jnp.concatenate([along(array, axis, i % count, i % count + 1) for i in indices], axis)
+    return namespace(array).concatenate([along(array, axis, i % count, i % count + 1) for i in indices], axis)  # type: ignore[no-any-return]
 
 
 Ends = tuple[Array, Array]
@@ -143,6 +144,17 @@ def beyond(
         return layers(array, axis, below), layers(array, axis, above)
     ends = cut.from_both(layers(array, axis, above), layers(array, axis, below))
     return _at_sides(grid, axis, ends, outside)
+
+
+def past_borders(grid: Grid, axis: int, array: Array, below: int, above: int, outside: Ends) -> Ends:
+    """A layer beyond either end of an axis like `beyond`, but a periodic axis has ends too, where it is `outside`."""
+    cut = grid.cut_along(axis)
+    if cut is None:
+        return outside
+    row = dataclasses.replace(cut, periodic=False)
+    ends = row.from_both(layers(array, axis, (above,)), layers(array, axis, (below,)))
+    first, last = jnp.where(row.is_first(), outside[0], ends[0]), jnp.where(row.is_last(), outside[1], ends[1])
+    return first, last
 
 
 def end_faces(

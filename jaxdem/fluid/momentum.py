@@ -152,12 +152,12 @@ class FluidSolver:
         if void_fraction is not None:
             growth = (void_fraction - required(state.void_fraction, "void_fraction of the fluid")) / time_step
             if properties.cut is not None:
-                growth = properties.cut.growth(growth, not self.boundary.has_outlet)
+                growth = properties.cut.growth(grid, growth, not self.boundary.has_outlet)
             elif not self.boundary.has_outlet:
                 # Particles keep their volume, so its mean is rounding, which no flow in a closed box can take up.
                 growth = growth - box_mean(grid, growth)
         elif properties.cut is not None and properties.cut.swept is not None:
-            growth = properties.cut.growth(0.0, not self.boundary.has_outlet)
+            growth = properties.cut.growth(grid, 0.0, not self.boundary.has_outlet)
         mobility, shift = self._exchange_terms(properties, exchange, new)
         state = state._replace(mean_gradient=self._mean_gradient(properties, state, time + 0.5 * time_step))
         slope = pressure_slope(grid, self.boundary, state)

@@ -6,43 +6,46 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.fluid.grid import FaceField, Grid, along
+from jaxdem.fluid.mesh import Ends, beyond, end_faces, past_borders
 from jaxdem.numerics.host import namespace
 
 LEAST_OPEN = 0.01
 """Open fraction under which a face is closed [-]."""
 
 
-def continued(open_faces: FaceField, faces: FaceField) -> FaceField:
+def continued(grid: Grid, open_faces: FaceField, faces: FaceField) -> FaceField:
     """A face field whose closed faces have the mean of the open ones next to them along their axis, or zero."""
     found = []
     for axis, (a, f) in enumerate(zip(open_faces, faces, strict=True)):
         is_open = (a > 0.0).astype(f.dtype)
         f = jnp.where(a > 0.0, f, 0.0)
-        weight = next_to(is_open, axis)
-        mean = next_to(f, axis) / jnp.where(weight > 0.0, weight, 1.0)
+        weight = next_to(grid, is_open, axis)
+        mean = next_to(grid, f, axis) / jnp.where(weight > 0.0, weight, 1.0)
         found.append(jnp.where(a > 0.0, f, mean))
     return tuple(found)
 
 
-def next_to(faces: Array, axis: int) -> Array:
-    """Sum of the two neighbours along an axis, zero beyond the ends."""
-    nothing = jnp.zeros_like(along(faces, axis, 0, 1))
-    before = jnp.concatenate((nothing, along(faces, axis, None, -1)), axis)
-    return before + jnp.concatenate((along(faces, axis, 1, None), nothing), axis)
+def next_to(grid: Grid, values: Array, axis: int) -> Array:
+    """Sum of the two neighbours along an axis, of cells or faces, zero beyond the ends of the box."""
+    nothing = jnp.zeros_like(along(values, axis, 0, 1))
+    # A face on a border is in both slabs: what is sent is the one next to it.
+    shared = values.shape[axis] - grid.cells[axis]
+    below, above = past_borders(grid, axis, values, -1 - shared, shared, (nothing, nothing))
+    before = jnp.concatenate((below, along(values, axis, None, -1)), axis)
+    return before + jnp.concatenate((along(values, axis, 1, None), above), axis)
 
 
 def padded(grid: Grid, open_faces: FaceField, which: int, axis: int) -> Array:
     """Open fractions of component `which` with one layer more on either end of an axis; beyond a side what is open of
     it."""
-    faces, count = open_faces[which], grid.cells[axis]
-    xp = namespace(faces)
-    if not grid.periodic[axis]:
-        ends = _open_side(grid, open_faces, which, axis, False), _open_side(grid, open_faces, which, axis, True)
-    elif which == axis:
-        ends = along(faces, axis, count - 1, count), along(faces, axis, 1, 2)
-    else:
-        ends = along(faces, axis, count - 1, count), along(faces, axis, 0, 1)
-    return xp.concatenate((ends[0], faces, ends[1]), axis)
+    faces = open_faces[which]
+
+    def outside() -> Ends:
+        return _open_side(grid, open_faces, which, axis, False), _open_side(grid, open_faces, which, axis, True)
+
+    shared = int(which == axis)
+    ends = beyond(grid, axis, faces, (-1 - shared,), (shared,), outside)
+    return namespace(faces).concatenate((ends[0], faces, ends[1]), axis)
 
 
 def links_of(grid: Grid, open_faces: FaceField) -> tuple[FaceField, ...]:
@@ -66,8 +69,6 @@ def _open_side(grid: Grid, open_faces: FaceField, which: int, axis: int, upper: 
     side = along(open_faces[axis], axis, *((-1, None) if upper else (0, 1)))
     if which == axis:
         return side
-    first, last = along(side, which, 0, 1), along(side, which, -1, None)
     inner = 0.5 * (along(side, which, None, -1) + along(side, which, 1, None))
-    if grid.periodic[which]:
-        first = last = 0.5 * (first + last)
-    return namespace(side).concatenate((first, inner, last), which)
+    ends = end_faces(grid, which, side, lambda below, above: 0.5 * (below + above), lambda first, last: (first, last))
+    return namespace(side).concatenate((ends[0], inner, ends[1]), which)

@@ -19,7 +19,7 @@ from jax import Array, lax
 
 from jaxdem.fluid.boundary import Boundary, open_fraction
 from jaxdem.fluid.grid import FaceField, Grid, along, box_largest, box_mean, divergence, nearest_inner, slope_over
-from jaxdem.fluid.mesh import Ends, end_faces, of_slab
+from jaxdem.fluid.mesh import Ends, end_faces, of_slab, with_ends
 from jaxdem.fluid.rows import share_of_rows, with_whole_rows
 from jaxdem.fluid.transforms import End, Row
 from jaxdem.numerics.blocks import total
@@ -136,7 +136,7 @@ def solve_preconditioned(
 
     def centred(x: Array) -> Array:
         if fluid_cells is not None:
-            return _centred_on(fluid_cells, x, singular)
+            return _centred_on(grid, fluid_cells, x, singular)
         return x - box_mean(grid, x) if singular else x
 
     def solve(_, b: Array) -> tuple[Array, SolverReport]:  # type: ignore[no-untyped-def]
@@ -153,12 +153,13 @@ def solve_preconditioned(
     )
 
 
-def _centred_on(cells: Array, x: Array, singular: bool) -> Array:
+def _centred_on(grid: Grid, cells: Array, x: Array, singular: bool) -> Array:
     """x on some cells, zero on the others; less its mean where only differences have a meaning."""
     x = jnp.where(cells, x, 0.0)
     if not singular:
         return x
-    return jnp.where(cells, x - jnp.sum(x) / jnp.sum(cells.astype(x.dtype)), 0.0)
+    content, number = total(grid.blocks, (jnp.sum(x), jnp.sum(cells.astype(x.dtype))))
+    return jnp.where(cells, x - content / number, 0.0)
 
 
 def with_cut_cells(grid: Grid, boundary: Boundary, inverse, coefficient):  # type: ignore[no-untyped-def]
@@ -179,11 +180,12 @@ def with_cut_cells(grid: Grid, boundary: Boundary, inverse, coefficient):  # typ
             for upper in (False, True):
                 is_open = of_slab(grid, open_fraction(grid, boundary.side(axis, upper)), c.dtype)
                 ends.append(2.0 * is_open * along(c, axis, *((-1, None) if upper else (0, 1))))
-            c = jnp.concatenate((ends[0], along(c, axis, 1, -1), ends[1]), axis)
+            c = with_ends(grid, axis, c, (ends[0], ends[1]))
         diagonal = diagonal + factor * (along(c, axis, None, -1) + along(c, axis, 1, None))
         whole = whole + 2.0 * factor
     has_fluid = diagonal > 0.0
-    mean = jnp.sum(diagonal) / jnp.sum(has_fluid.astype(diagonal.dtype)) / whole
+    content, number = total(grid.blocks, (jnp.sum(diagonal), jnp.sum(has_fluid.astype(diagonal.dtype))))
+    mean = content / number / whole
     own = 1.0 / jnp.where(has_fluid, diagonal, mean * whole)
     local = OF_SMALL * jnp.maximum(own - 1.0 / (mean * whole), 0.0)
     return lambda r: inverse(r) / mean + local * r

@@ -19,7 +19,7 @@ from jax import Array, checkpoint, lax
 from jaxdem.fluid.advection import VanLeer, surface_value
 from jaxdem.fluid.boundary import Boundary, coverage
 from jaxdem.fluid.cut_scalar import ScalarSurfaces
-from jaxdem.fluid.grid import CellOrOne, FaceField, Grid, along, divergence, slope_over
+from jaxdem.fluid.grid import CellOrOne, FaceField, Grid, along, divergence, no_ends, slope_over
 from jaxdem.fluid.mesh import Ends, at_side, beyond, end_faces, layers, of_slab, with_ends
 from jaxdem.numerics.batches import cond_in_batch
 from jaxdem.numerics.static import static
@@ -180,7 +180,7 @@ class ScalarTransport(NamedTuple):
         if self.field.diffuses:
             h = grid.spacing[axis]
             inner = (along(value, axis, 1, None) - along(value, axis, None, -1)) / h
-            ends = end_faces(grid, axis, value, slope_over(h), _nothing)
+            ends = end_faces(grid, axis, value, slope_over(h), no_ends)
             slope = jnp.concatenate((ends[0], inner, ends[1]), axis)
             flux = flux - self.numbers.diffusivity * self.stream.share[axis] * slope
         if set(self.field.sides[2 * axis : 2 * axis + 2]) == {"closed"}:
@@ -246,7 +246,3 @@ class ScalarTransport(NamedTuple):
                 flow = flow - covered * inward if upper else flow + covered * inward
             found.append(flow)
         return found[0], found[1]
-
-
-def _nothing(first: Array, last: Array) -> Ends:
-    return jnp.zeros_like(first), jnp.zeros_like(last)

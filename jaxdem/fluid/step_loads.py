@@ -70,7 +70,7 @@ class StepLoads:
         grid, cut = self.grid, self._cut
         if not self.shares_stress:
             return tuple(jnp.zeros_like(u) for u in self.fluid.face_velocity)
-        slope = continued(cut.open_faces, pressure_slope(grid, self.boundary, self.fluid, continued=True))
+        slope = continued(grid, cut.open_faces, pressure_slope(grid, self.boundary, self.fluid, continued=True))
         seen = face_average(grid, solids)
         parts = zip(seen, cut.open_faces, self.weight, slope, stress, strict=True)
         return tuple((s - a * (1.0 - w)) * (p - self.properties.density * t) for s, a, w, p, t in parts)

@@ -11,7 +11,9 @@ from jax import Array
 
 from jaxdem.fluid.cut_cells import CutCells
 from jaxdem.fluid.grid import FaceField, Grid, along
+from jaxdem.fluid.mesh import at_side
 from jaxdem.numerics import vectors
+from jaxdem.numerics.blocks import total
 from jaxdem.numerics.products import PRECISION
 
 MASKED = 4
@@ -52,7 +54,8 @@ def stress_on_cuts(grid: Grid, cut: CutCells, pressure: Array, dynamic_viscosity
 def surface_loads(grid: Grid, cut: CutCells, shares: SurfaceShares, count: int) -> Array:
     """(S, D, 1 + D) force on every surface and its first moments, as `side_forces` has them [N], [N m].
 
-    A force acts at the middle of its face or cell.
+    A force acts at the middle of its face or cell. Over slabs of the box it is the sum, to which a face on a border is
+    counted by the upper one.
 
     Args:
         grid: the grid.
@@ -63,16 +66,26 @@ def surface_loads(grid: Grid, cut: CutCells, shares: SurfaceShares, count: int) 
     loads = []
     for which in range(grid.dimension):
         faces, cells = shares.on_faces[which], shares.on_cells[which]
-        if grid.periodic[which]:
+        if grid.periodic[which] or grid.cut_along(which) is not None:
             last = along(faces, which, -1, None)
-            faces = jnp.concatenate((along(faces, which, None, -1), 0.0 * last), which)
+            counted = 0.0 * last if grid.periodic[which] else at_side(grid, which, True, last, 0.0)
+            faces = jnp.concatenate((along(faces, which, None, -1), counted), which)
         places = [_places(grid, k, k == which) for k in range(grid.dimension)]
         both = _moments(faces, places, cut.nearest_to_faces[which], count)
         both = both + _moments(
             cells, [_places(grid, k, False) for k in range(grid.dimension)], cut.nearest_to_cells, count
         )
-        loads.append(both.at[:, 1 + which].set(0.0))
-    return jnp.stack(loads, axis=1)
+        loads.append(_in_the_box(grid, both).at[:, 1 + which].set(0.0))
+    return total(grid.blocks, jnp.stack(loads, axis=1))
+
+
+def _in_the_box(grid: Grid, moments: Array) -> Array:
+    """Sum and first moments (S, 1 + D) with arms from the lower end of the box, not from that of the slab."""
+    cut = grid.blocks
+    if cut is None:
+        return moments
+    begin = grid.cells[cut.axis] * grid.spacing[cut.axis] * cut.index().astype(moments.dtype)
+    return moments.at[:, 1 + cut.axis].add(begin * moments[:, 0])
 
 
 def _places(grid: Grid, axis: int, on_faces: bool) -> np.ndarray:

@@ -56,7 +56,7 @@ def surface_response(
     units: Sequence[Array] = cut.unit_swept or ()
     found, cut = [], cut._replace(spin=None)
     for unit in units:
-        source = cut._replace(swept=unit).growth(0.0, not boundary.has_outlet)
+        source = cut._replace(swept=unit).growth(grid, 0.0, not boundary.has_outlet)
         tolerance = TOLERANCE * box_largest(grid, jnp.abs(source)) + jnp.finfo(dtype).tiny
         pressure, _ = solve_pressure(grid, boundary, coefficient, source, tolerance, cut.open_cells > 0.0)
         on_cells = stress_on_cuts(grid, cut, pressure, jnp.zeros((), dtype))

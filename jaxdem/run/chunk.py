@@ -15,6 +15,7 @@ from jax.sharding import Mesh
 
 from jaxdem.devices import DividedSimulation
 from jaxdem.devices.mesh import DIAGNOSTICS, SAME, SLABS, STATE, empty_in_slabs, on_slabs, put
+from jaxdem.devices.parameters import spread
 from jaxdem.errors import required
 from jaxdem.failures import failures
 from jaxdem.numerics.host import on_device
@@ -144,7 +145,7 @@ class SlabProgram:
     ) -> None:
         self._mesh = required(simulation.mesh, "mesh")
         numbers = loop_numbers(simulation, parameters.gravity.dtype)
-        self._same = put(self._mesh, (numbers, parameters), SAME)
+        self._same = put(self._mesh, numbers, SAME), simulation.on_devices(parameters)
         structure = with_numbers(simulation.of_slab(), NO_NUMBERS)
         probes = None if watch is None else watch.probing.probes
         program = jitted(_advance_in_slabs, (self._mesh, structure, probes))
@@ -173,7 +174,8 @@ def _advance_in_slabs(static: tuple[Mesh, Simulation, tuple[Probe, ...] | None],
     """`advance` of the slabs of several devices; static are these, what each does, and its probes, None for none."""
     mesh, structure, probes = static
     result: Any = Chunk(STATE, SLABS, DIAGNOSTICS, SAME, SAME, SAME, _probed_in_slabs(probes), SLABS)
-    chunk: Chunk = on_slabs(mesh, partial(advance, structure), (SAME, SAME, STATE, SLABS, SAME, SAME), result)(*given)
+    spreading: Any = (SAME, spread(given[1]), STATE, SLABS, SAME, SAME)
+    chunk: Chunk = on_slabs(mesh, partial(advance, structure), spreading, result)(*given)
     return chunk
 
 

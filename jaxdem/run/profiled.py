@@ -13,6 +13,7 @@ from jax import Array
 
 from jaxdem.devices import DividedSimulation
 from jaxdem.devices.mesh import DIAGNOSTICS, SAME, SLABS, STATE, empty_in_slabs, on_slabs, put
+from jaxdem.devices.parameters import spread
 from jaxdem.failures import failures
 from jaxdem.fluid.interval import FluidDiagnostics
 from jaxdem.particles.neighbors import Neighbors
@@ -48,17 +49,19 @@ class ProfiledProgram:
         if keeps_flux:
             report = FluidDiagnostics(*(SAME,) * len(FluidDiagnostics._fields))._replace(flux=SLABS)
         flow: Any = FlowOfInterval(SLABS, SLABS, report)
-        fluid = self._part(partial(advance_fluid, own), (SAME, STATE), (SLABS, SLABS, report, SAME))
-        parameters = self._same(parameters)
+        self._placed = simulation.on_devices if isinstance(simulation, DividedSimulation) else _as_they_are
+        parameters = self._placed(parameters)
+        numbers: Any = SAME if self._mesh is None else spread(parameters)
+        fluid = self._part(partial(advance_fluid, own), (numbers, STATE), (SLABS, SLABS, report, SAME))
         forces = jax.eval_shape(fluid, parameters, state)[1]
         self._fluid = fluid.lower(parameters, state).compile()
         moved = (SLABS, SLABS, SAME, SLABS, SLABS)
-        particles = self._part(partial(advance_particles, own), (SAME, STATE, SLABS, SLABS, SLABS), moved)
+        particles = self._part(partial(advance_particles, own), (numbers, STATE, SLABS, SLABS, SLABS), moved)
         self._particles = particles.lower(parameters, state, neighbors, forces, state.scalars).compile()
-        self._scalars = self._part(partial(advance_scalars, own), (SAME, STATE, SLABS, flow), (SLABS, SAME))
+        self._scalars = self._part(partial(advance_scalars, own), (numbers, STATE, SLABS, flow), (SLABS, SAME))
         self._carries_scalars = own.scalars is not None
         self._closed = self._part(partial(_closed, own), (DIAGNOSTICS, SAME), (SAME, SAME, SAME))
-        given: Any = (SAME, SAME, Interval(STATE, STATE, SLABS, DIAGNOSTICS))
+        given: Any = (numbers, SAME, Interval(STATE, STATE, SLABS, DIAGNOSTICS))
         self._probe = self._part(partial(_seen, own), given, probed_in_slabs(watch))
 
     def _part(self, function: Callable[..., Any], given: Any, result: Any) -> Any:
@@ -72,7 +75,7 @@ class ProfiledProgram:
         self, parameters: Parameters, state: State, neighbors: Neighbors | None, count: int, watch: Watch | None = None
     ) -> Chunk:
         """See `Program`."""
-        parameters = self._same(parameters)
+        parameters = self._placed(parameters)
         with self._timed("fluid_part"):
             fluid, forces, of_fluid, of_exchange = jax.block_until_ready(self._fluid(parameters, state))
         scalars, flow = None, FlowOfInterval(fluid, forces, of_fluid)
@@ -90,6 +93,10 @@ class ProfiledProgram:
         if watch is not None:
             seen = self._probe(parameters, self._same(watch), Interval(state, new, neighbors, diagnostics))
         return Chunk(new, neighbors, diagnostics, records, code, jnp.int32(1), seen, identity_of(state))
+
+
+def _as_they_are(parameters: Parameters) -> Parameters:
+    return parameters
 
 
 def _closed(simulation: Simulation, diagnostics: Diagnostics, step: Array) -> tuple[Records, Array, Array]:

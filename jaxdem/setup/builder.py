@@ -160,7 +160,8 @@ def build(
         return case.simulation, case.parameters
     particles = case.particles
     given = (None, 0) if particles is None else (particles.position, particles.total)
-    return divided(case.simulation, devices, *given), case.parameters
+    simulation = divided(case.simulation, devices, *given)
+    return simulation, simulation.with_parts(case.parameters)
 
 
 def initial_state(scene: Scene, simulation: Simulation, parameters: Parameters) -> tuple[State, Neighbors | None]:
@@ -176,7 +177,7 @@ def initial_state(scene: Scene, simulation: Simulation, parameters: Parameters) 
     """
     start = read_start(scene)
     if isinstance(simulation, DividedSimulation):
-        whole = initial_state(scene, simulation.undivided(), parameters)
+        whole = initial_state(scene, simulation.undivided(), simulation.of_whole(parameters))
         return distributed(simulation, parameters, *whole)
     return Case(scene, _particles(scene, start), simulation, parameters, start=start).initial_state()
 

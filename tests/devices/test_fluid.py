@@ -142,10 +142,3 @@ def test_slabs_that_cannot_be_are_refused(changes, number, words):
         jaxdem.build(crowd(**changes), devices=number)
     for word in words:
         assert word in str(refused.value)
-
-
-def test_walls_that_the_fluid_sees_are_refused():
-    wall = {"kind": "plane", "point": [0.2, 0.0], "normal": [0.6, 0.8], "fluid": "no_slip"}
-    scene = jaxdem.load_scene(FLUIDS["closed"] | {"walls": [wall]})
-    with pytest.raises(InputError, match="several devices do not work with walls that the fluid sees"):
-        jaxdem.build(scene, devices=2)

@@ -7,7 +7,8 @@ from typing import Any
 import jax
 import numpy as np
 
-from jaxdem.devices.mesh import SAME, SLABS, STATE, on_host, on_slabs, put
+from jaxdem.devices.mesh import SAME, SLABS, STATE, on_host, on_slabs
+from jaxdem.devices.parameters import spread
 from jaxdem.errors import required
 from jaxdem.numerics.blocks import total
 from jaxdem.numerics.host import on_device
@@ -109,8 +110,8 @@ def _stored_in_slabs(parameters: Parameters, slabs: InSlabs) -> StoredEnergy:
         particles = required(state.particles, "state.particles")
         return total(simulation.cut, stored_in_particles(simulation, parameters, particles, neighbors, state.step))
 
-    given = put(mesh, parameters, SAME), slabs.state, slabs.neighbors
-    program = jax.jit(on_slabs(mesh, of_all, (SAME, STATE, SLABS), SAME), compiler_options=QUICKLY)
+    given = slabs.simulation.on_devices(parameters), slabs.state, slabs.neighbors
+    program = jax.jit(on_slabs(mesh, of_all, (spread(given[0]), STATE, SLABS), SAME), compiler_options=QUICKLY)
     found: StoredEnergy = on_host(program(*given))
     return found
 

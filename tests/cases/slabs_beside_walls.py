@@ -1,0 +1,60 @@
+"""Scenes of a fluid beside walls that it sees, for boxes on several devices."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from tests.cases.fluid_slabs import ALONG_X, coupled_scene, fluid_scene
+
+CYLINDER = {"kind": "cylinder", "center": [0.37, 0.29], "radius": 0.13, "inside": False, "fluid": "no_slip"}
+"""In the middle of a box of 8 x 6 cells of 0.1 m, across both planes between two slabs."""
+
+TURNING = [{"kind": "rotation", "rate": 2.0}]
+SLIDING = [{"kind": "translation", "velocity": [0.4, 0.0]}]
+RISING = [{"kind": "translation", "velocity": [0.0, 0.4]}]
+
+JET = {"left": {"kind": "inlet", "velocity": 0.5}, "right": {"kind": "outlet"}}
+
+
+def body(middle: tuple[float, float], radius: float, corners: int = 12, **keys: Any) -> dict[str, Any]:
+    """A body with so many corners, which periodic boxes may have too."""
+    angles = [2.0 * math.pi * (k + 0.37) / corners for k in range(corners)]
+    points = [[middle[0] + radius * math.cos(a), middle[1] + radius * math.sin(a)] for a in angles]
+    return {"kind": "mesh", "points": points, "closed": True, "fluid": "no_slip", **keys}
+
+
+def beside_grains(boundary: dict[str, Any], wall: dict[str, Any], **coupling: Any) -> dict[str, Any]:
+    """Grains in a stream beside a body of 0.06 m in its middle, some of them within a kernel of it."""
+    tables = coupled_scene(2, boundary, **coupling)
+    tables["domain"]["size"] = [0.4, 0.3]
+    tables["fluid"]["cells"] = [8, 6]
+    tables["walls"] = [wall]
+    ring = [[0.19 + 0.075 * math.cos(0.7 * k), 0.14 + 0.075 * math.sin(0.7 * k)] for k in range(8)]
+    tables["particles"]["position"] = [*ring, [0.05, 0.05], [0.2, 0.28], [0.35, 0.2]]
+    return tables
+
+
+SCENES: dict[str, dict[str, Any]] = {
+    "jet": fluid_scene([8, 6], JET, advection="central") | {"walls": [CYLINDER]},
+    "stream": fluid_scene([8, 6], ALONG_X, bulk_velocity=[0.5, 0.0], smagorinsky=0.2)
+    | {
+        "walls": [
+            body((0.37, 0.29), 0.13),
+            {"kind": "plane", "point": [0.0, 0.08], "normal": [0.0, 1.0], "fluid": "free_slip"},
+        ]
+    },
+    "jet, 3-D": fluid_scene([4, 4, 6], {"bottom": {"kind": "inlet", "velocity": 0.5}, "top": {"kind": "outlet"}})
+    | {"walls": [CYLINDER | {"center": [0.2, 0.2, 0.29], "radius": 0.12, "axis": [0.0, 1.0, 0.0], "motion": TURNING}]},
+    "moving": fluid_scene([8, 6], {"right": {"kind": "outlet"}})
+    | {
+        "walls": [
+            CYLINDER | {"center": [0.31, 0.34], "motion": [{"kind": "translation", "velocity": [0.5, -0.3]}]},
+            {"kind": "plane", "point": [0.0, 0.08], "normal": [0.0, 1.0], "fluid": "no_slip", "motion": SLIDING},
+            CYLINDER | {"center": [0.66, 0.3], "end": 0.025},
+        ]
+    },
+    "grains": beside_grains(ALONG_X, body((0.19, 0.14), 0.06, motion=RISING)),
+    "grains, diffusion": beside_grains(JET, body((0.19, 0.14), 0.06, fluid="free_slip"), void_fraction="diffusion"),
+}
+"""Walls that stick, slip, turn, move and vanish, all kinds of sides, an eddy viscosity; grains in both ways."""

@@ -1,0 +1,97 @@
+"""Walls that the fluid sees on several devices, against one device."""
+
+import shutil
+
+import jax
+import numpy as np
+import pytest
+
+import jaxdem
+from jaxdem import InputError, devices
+from tests.cases.fluid_slabs import compared, fluid_scene
+from tests.cases.slabs_beside_walls import CYLINDER, JET, SCENES
+
+
+@pytest.mark.parametrize(
+    ("name", "number", "axis"),
+    [
+        ("jet", 2, 0),
+        ("stream", 3, 1),
+        ("jet, 3-D", 2, 2),
+        ("moving", 2, 0),
+        ("grains", 2, 0),
+        ("grains, diffusion", 2, 1),
+    ],
+)
+def test_flow_and_loads_are_those_of_one_device(name, number, axis):
+    """After five intervals: fields within 1e-11, the same iterations of the pressure, and forces and torques on the
+    walls; of grains beside them places, velocities and forces. Volume and momentum balance, and nothing is gathered.
+
+    A slab has no more of the open parts than its cells, and the faces on its borders.
+    """
+    scene = jaxdem.load_scene(SCENES[name])
+    simulation, parameters = jaxdem.build(scene)
+    state, neighbors = jaxdem.initial_state(scene, simulation, parameters)
+    divided = devices.divided(
+        simulation, number, None if state.particles is None else state.particles.position, axis=axis
+    )
+    own = divided.with_parts(parameters)
+    for part, whole in zip(jax.tree.leaves(own.fluid.cut), jax.tree.leaves(parameters.fluid.cut), strict=True):
+        assert {shard.data.shape for shard in part.addressable_shards} == {(1, *part.shape[1:])}
+        if whole.ndim == len(simulation.box):
+            assert part.shape[1 + axis] - 2 <= whole.shape[axis] // number
+    for back, whole in zip(jax.tree.leaves(divided.of_whole(own)), jax.tree.leaves(parameters), strict=True):
+        np.testing.assert_array_equal(back, whole)
+    slabs, lists = devices.distributed(divided, own, state, neighbors)
+    one, many = jax.jit(simulation.step), jax.jit(divided.step).lower(own, slabs, lists).compile()
+    assert "all-gather" not in many.as_text()
+    for _ in range(5):
+        state, neighbors, report = one(parameters, state, neighbors)
+        slabs, lists, figures = many(own, slabs, lists)
+        assert figures.fluid.converged and figures.fluid.iterations == report.fluid.iterations
+        load = np.asarray(report.fluid.surface_load)
+        np.testing.assert_allclose(figures.fluid.surface_load, load, rtol=0, atol=1e-11 * np.abs(load).max())
+    assert np.max(compared(divided.slabs, slabs.fluid, state.fluid)) < 1e-11
+    assert np.abs(load[0, 0, 0]) > 0.0 and np.asarray(state.fluid.face_velocity[0]).std() > 0.0
+    if state.particles is None:
+        return
+    assert figures.exchange.momentum < 1e-13 and figures.exchange.volume < 1e-13
+    whole, _ = devices.gathered(divided, slabs, lists)
+    for field in ("position", "velocity", "fluid_force"):
+        found, expected = (np.asarray(getattr(of.particles, field)) for of in (whole, state))
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11 * np.abs(expected).max(), err_msg=field)
+
+
+def test_parameters_of_one_device_are_refused():
+    scene = jaxdem.load_scene(SCENES["jet"])
+    divided, own = jaxdem.build(scene, devices=2)
+    _, parameters = jaxdem.build(scene)
+    state, _ = jaxdem.initial_state(scene, divided, own)
+    with pytest.raises(InputError, match=r"Take those of jaxdem.build\(scene, devices=...\)"):
+        divided.step(parameters, state, None)
+
+
+def test_a_run_beside_warm_walls_goes_on_as_on_one_device(tmp_path):
+    """Forces, torque and heat of a warm cylinder in a cold stream: on one device; on two, stopped and resumed on two,
+    and on one. The tolerance is that of the pressure."""
+    wall = CYLINDER | {"name": "rod", "temperature": 350.0}
+    probe = {"name": "rod", "kind": "wall", "wall": "rod", "about": [0.0, 0.0], "interval": 0.02}
+    sides = JET | {"left": JET["left"] | {"temperature": 290.0}}
+    heat = {"fluid_heat_capacity": 1000.0, "fluid_conductivity": 0.5, "fluid_temperature": 300.0}
+    tables = fluid_scene([8, 6], sides) | {"walls": [wall], "probes": [probe], "heat": heat}
+    half, whole = (tables | {"time": {"end": end, "output_interval": 0.04}} for end in (0.04, 0.08))
+    one = jaxdem.simulate(jaxdem.load_scene(whole), tmp_path / "one")
+    jaxdem.simulate(jaxdem.load_scene(half), tmp_path / "two", devices=2)
+    shutil.copytree(tmp_path / "two", tmp_path / "back")
+    expected, supplied = one.fluid(-1), one.summary["heat"]["from_walls_to_fluid"]["rod"]
+    assert abs(supplied) > 0.0 and np.ptp(expected["temperature"]) > 1.0
+    for name, number in (("two", 2), ("back", None)):
+        found = jaxdem.simulate(jaxdem.load_scene(whole), tmp_path / name, devices=number, resume=True)
+        for field in ("velocity", "pressure", "temperature"):
+            size = np.abs(expected[field]).max()
+            np.testing.assert_allclose(found.fluid(-1)[field], expected[field], rtol=0, atol=1e-10 * size)
+        loads, wanted = found.probes["rod"], one.probes["rod"]
+        for column in ("fluid_force_x", "fluid_force_z", "fluid_torque"):
+            assert np.abs(wanted[column]).min() > 0.0
+            np.testing.assert_allclose(loads[column], wanted[column], rtol=0, atol=1e-10 * np.abs(wanted[column]).max())
+        assert abs(found.summary["heat"]["from_walls_to_fluid"]["rod"] - supplied) < 1e-10 * abs(supplied)
