@@ -9,6 +9,7 @@ import pytest
 import jaxdem
 from jaxdem import InputError, devices
 from tests.cases.fluid_slabs import compared, fluid_scene
+from tests.cases.pistons_in_fluid import before_column
 from tests.cases.slabs_beside_walls import CYLINDER, JET, SCENES
 
 
@@ -95,3 +96,9 @@ def test_a_run_beside_warm_walls_goes_on_as_on_one_device(tmp_path):
             assert np.abs(wanted[column]).min() > 0.0
             np.testing.assert_allclose(loads[column], wanted[column], rtol=0, atol=1e-10 * np.abs(wanted[column]).max())
         assert abs(found.summary["heat"]["from_walls_to_fluid"]["rod"] - supplied) < 1e-10 * abs(supplied)
+
+
+def test_pistons_in_the_fluid_are_refused():
+    scene = jaxdem.load_scene(before_column(0.5))
+    with pytest.raises(InputError, match="do not work with walls that a force holds and that the fluid sees"):
+        jaxdem.build(scene, devices=2)
