@@ -1,18 +1,20 @@
 """Time of a coupling interval with temperatures against the same interval without.
 
-Two scenes: grains in a gas (exchange of heat, conduction through contacts) and a fluid alone (a cavity). With heat and
+Three scenes: grains in a gas (exchange of heat, conduction through contacts), a fluid alone (a cavity), and two fluids
+with a surface (a column of warm water that collapses). With heat and
 without they begin from one state, grains and stream as they are after a while with heat: without it the fluid of the
 cavity would be at rest, and its pressure would take no iteration. Their intervals are timed in turns in one process, in
-processor time, and the least of each counts. A third row is the bed with heat of friction over the bed with heat.
-Writes results/heat.{json,md}.
+processor time, and the least of each counts. A further row is the bed with heat of friction over the bed with heat.
+Writes results/heat.{json,md}; with --only that row anew, the others stay as they are.
 
-    python benchmarks/heat.py [--repeats 7]
+    python benchmarks/heat.py [--repeats 7] [--only "two fluids"]
 """
 
 from __future__ import annotations
 
 import argparse
 import copy
+import json
 import math
 import sys
 import time
@@ -26,7 +28,7 @@ import jax
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script from anywhere
 
 import jaxdem
-from benchmarks import harness
+from benchmarks import harness, surface
 
 SCENES = Path(__file__).parents[1] / "scenes"
 INTERVALS = 10
@@ -58,10 +60,20 @@ def cavity_tables() -> dict[str, Any]:
     return tables
 
 
+def surface_tables() -> dict[str, Any]:
+    """The column of water of `benchmarks/surface.py` on 128 x 96 cells, warm."""
+    tables = surface.tables([128, 96], 1000.0)
+    tables["surface"] |= {"heat_capacity": 1007.0, "conductivity": 0.026, "temperature": 290.0}
+    water = {"fluid_heat_capacity": 4180.0, "fluid_conductivity": 0.6, "fluid_temperature": 350.0}
+    return tables | {"heat": water}
+
+
 def without_heat(tables: dict[str, Any]) -> dict[str, Any]:
     """The same scene without temperatures."""
     found = copy.deepcopy(tables)
     del found["heat"]
+    for key in ("heat_capacity", "conductivity", "temperature"):
+        found.get("surface", {}).pop(key, None)
     for side in found["boundary"].values():
         side.pop("temperature", None)
     found["boundary"] = {name: side for name, side in found["boundary"].items() if side}
@@ -122,25 +134,30 @@ def main() -> None:
     """Both scenes, and the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--repeats", type=int, default=7)
-    repeats = parser.parse_args().repeats
-    rows: dict[str, dict[str, float]] = {}
-    bed, cavity = bed_tables(), cavity_tables()
+    parser.add_argument("--only", default="", help="name of a row")
+    arguments = parser.parse_args()
+    stored = harness.RESULTS / "heat.json"
+    rows: dict[str, dict[str, float]] = json.loads(stored.read_text())["intervals"] if arguments.only else {}
+    bed, cavity, warm = bed_tables(), cavity_tables(), surface_tables()
     scenes = {
         "bed": (bed, without_heat(bed), without_scalars),
         "cavity": (cavity, without_heat(cavity), without_scalars),
         "bed, heat of friction": (with_friction(bed), bed, without_friction),
+        "two fluids": (warm, without_heat(warm), without_scalars),
     }
     for name, given in scenes.items():
+        if arguments.only not in ("", name):
+            continue
         steps = both_kinds(*given)
         best = dict.fromkeys(steps, math.inf)
-        for _ in range(repeats):
+        for _ in range(arguments.repeats):
             for kind, once in steps.items():
                 best[kind] = min(best[kind], once())
         rows[name] = {f"{kind}_ms": 1e3 * value for kind, value in best.items()}
         rows[name]["ratio"] = best["with"] / best["without"]
     lines = ["| scene | without [ms] | with [ms] | ratio |", "| --- | --- | --- | --- |"]
     lines += [f"| {n} | {r['without_ms']:.2f} | {r['with_ms']:.2f} | {r['ratio']:.2f} |" for n, r in rows.items()]
-    harness.write("heat", {"intervals": rows, "repeats": repeats}, "\n".join(lines))
+    harness.write("heat", {"intervals": rows, "repeats": arguments.repeats}, "\n".join(lines))
 
 
 if __name__ == "__main__":
