@@ -21,6 +21,7 @@ from jaxdem.particles.migration import settled
 from jaxdem.particles.neighbors import Neighbors, with_radius
 from jaxdem.particles.population import Entry, renewed
 from jaxdem.particles.slab_population import renewed_in_slab
+from jaxdem.particles.slab_rows import Sizes
 from jaxdem.particles.stored_energy import StoredEnergy, stored_energy, strained
 from jaxdem.particles.walls_present import Buried, buried, with_walls_present
 from jaxdem.scalars.scalar_state import ScalarState
@@ -100,10 +101,10 @@ def at_end_of_interval(simulation: Structure, parameters: Parameters, state: Sta
             bodies = required(parameters.bodies, "parameters.bodies")
             scalars = simulation.scalars.renewed(numbers, scalars, bodies, moved.particles, particles)
     if division is not None:
-        radius = required(parameters.bodies, "parameters.bodies").radius
+        sizes = Sizes.of(required(parameters.bodies, "parameters.bodies"))
         meshes = simulation.meshes_placed(parameters, particles, state.step + 1)
         along = None if scalars is None else scalars.grains
-        given = division, simulation.search, radius, particles, neighbors, meshes, along
+        given = division, simulation.search, sizes, particles, neighbors, meshes, along
         particles, neighbors, along = settled(*given)
         scalars = None if scalars is None else scalars._replace(grains=along)
     means = moved.means
@@ -138,7 +139,7 @@ def renewed_particles(
         radius = neighbors.radius if bodies.clumps is None else bodies.outer_radius
         entry = Entry(radius, parameters.inlet_velocity, present, placed)
         return renewed(population, contact, entry, particles, neighbors, step)
-    entry = Entry(bodies.radius, parameters.inlet_velocity, present, placed)
+    entry = Entry(bodies.outer_radius, parameters.inlet_velocity, present, placed)
     return renewed_in_slab(population, contact, entry, particles, neighbors, step)
 
 

@@ -13,10 +13,9 @@ from jaxdem.check.run_cost import CPU, GPU, run_cost
 from jaxdem.devices.bonds import require_in_reach
 from jaxdem.devices.cut import slabs_of
 from jaxdem.devices.refused import require_divisible
-from jaxdem.devices.rooms import SlabRoom, equal_planes, needed_room, slab_of
+from jaxdem.devices.rooms import SlabRoom, equal_planes, listed_spheres, needed_room, slab_of
 from jaxdem.errors import required
 from jaxdem.numerics.blocks import Blocks
-from jaxdem.numerics.vectors import components
 from jaxdem.particles.ghosts import Division
 from jaxdem.particles.integrate import ParticleState
 from jaxdem.particles.migration import NARROWEST
@@ -105,7 +104,8 @@ def check_devices(
     bonds = state.particles.bonds
     require_in_reach(simulation.search, bonds)
     turned = 0 if bonds is None else len(jax.tree.leaves((bonds.orientation, bonds.orientation_low)))
-    # Position, velocity, spin and the velocity that a contact step expects, and one number.
+    turned += sum(x.shape[1] for x in jax.tree.leaves((state.particles.orientation, state.particles.orientation_low)))
+    # Position, velocity, spin, how it lies, the velocity that a contact step expects, and one number.
     values = 3 * dimension + state.particles.angular_velocity[0].size + low + turned
     sent = 2 * (room.ghosts * values * item + 4)
     rows = (room.rows + 2 * room.ghosts) / max(len(state.particles.position), 1)
@@ -113,7 +113,7 @@ def check_devices(
         devices: _step_time(case, neighbors, sent, max(ghosts), devices, _fullest(case, blocks, state, devices))
         for devices in (1, number, *(2**k for k in range(int(math.log2(MOST)) + 1)))
     }
-    widest = simulation.box[blocks.axis] / (NARROWEST * simulation.search.reach)
+    widest = simulation.box[blocks.axis] / (NARROWEST * simulation.search.body_reach)
     useful = 1
     while 2 * useful <= min(MOST, widest) and times[2 * useful] < WORTH * times[useful]:
         useful *= 2
@@ -158,11 +158,12 @@ def _spread(case: Case, blocks: Blocks, state: State) -> tuple[np.ndarray, np.nd
         apart = along - plane
         if blocks.periodic:
             apart = apart - division.length * np.round(apart / division.length)
-        near = np.abs(apart) < search.reach
+        near = np.abs(apart) < search.body_reach
         ghosts[k] += int(np.sum(near & (apart >= 0)))
         ghosts[(k + 1) % blocks.number] += int(np.sum(near & (apart < 0)))
-    listed = search.room(components(particles.position), particles.active)
-    return counts, ghosts, needed_room(division, search, position, planes, listed)
+    spheres = listed_spheres(simulation, case.parameters, particles)
+    listed = search.room(spheres.position, spheres.active)
+    return counts, ghosts, needed_room(division, spheres, position, planes, listed)
 
 
 def _memory(case: Case, memory: Mapping[str, int], rows: float, number: int) -> int:
@@ -209,6 +210,6 @@ def _step_time(case: Case, neighbors: Neighbors, sent: int, ghosts: int, number:
     if number == 1:
         return step
     kind = "gpu" if gpu else "cpu"
-    count = neighbors.reference[0].shape[0]
+    count = neighbors.reference[0].shape[0] // case.simulation.search.members
     share = fullest + ghosts / max(count, 1)
     return launch + (step - launch) * share + LATENCY[kind] + sent / BANDWIDTH[kind]

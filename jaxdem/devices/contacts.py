@@ -10,6 +10,7 @@ import numpy as np
 
 from jaxdem.errors import required
 from jaxdem.numerics.vectors import Vector
+from jaxdem.particles.ghosts import member_stride
 from jaxdem.particles.integrate import ParticleState
 from jaxdem.particles.mesh_contact import MeshMemory
 from jaxdem.particles.neighbors import Neighbors
@@ -19,9 +20,9 @@ class Contacts(NamedTuple):
     """Pairs of a list that keep something.
 
     Attributes:
-        first, second: (P,) identities, first < second.
+        first, second: (P,) identities, first < second; of clumps k N + i, member k of the body i of N.
         values: (c, P), what is kept; see `ParticleState.contact_spring`.
-        meshes: of the contacts with each mesh, arrays (C, N) by identity.
+        meshes: of the contacts with each mesh, arrays (C, N) by identity; of clumps with m members (C, m N).
     """
 
     first: np.ndarray
@@ -55,9 +56,9 @@ def kept_by_identity(values: Any, row: np.ndarray, identity: np.ndarray, count: 
 
     Args:
         values: (B, C, M).
-        row: (B, M), rows of the grains; R or more where there is none.
-        identity: (B, R) of the rows.
-        count: N.
+        row: (B, M), rows of the grains; as many as there are identities, or more, where there is none.
+        identity: (B, R) of the rows; -1 for none.
+        count: N, of clumps m N with the identities of their members.
     """
     whole = np.zeros((values.shape[1], count), values.dtype)
     for slab, number in enumerate(identity):
@@ -73,25 +74,33 @@ def contacts_of_slabs(particles: ParticleState, neighbors: Neighbors, count: int
     ghosts: Any = required(neighbors.ghosts, "ghosts of a list")
     pairs: Any = neighbors.pairs
     rows = ghosts.identity.shape[1] - 2 * ghosts.lower.shape[1]
-    found = contacts_of_rows(particles.contact_spring, rows, ghosts.identity, pairs.first, pairs.second)
-    of_mesh = [np.asarray(mesh.row) for mesh in neighbors.meshes]
-    return found._replace(meshes=memory_by_identity(particles.mesh_memory, of_mesh, ghosts.identity[:, :rows], count))
+    owned = np.arange(ghosts.identity.shape[1]) < rows
+    owned, number = np.tile(owned, ghosts.members), of_members(ghosts.identity, ghosts.members, count)
+    found = contacts_of_rows(particles.contact_spring, owned, number, pairs.first, pairs.second)
+    of_mesh, every = [np.asarray(mesh.row) for mesh in neighbors.meshes], ghosts.members * count
+    return found._replace(meshes=memory_by_identity(particles.mesh_memory, of_mesh, number, every))
+
+
+def of_members(identity: np.ndarray, members: int, count: int) -> np.ndarray:
+    """(B, m n) number k N + i of member k of body i, from the identities (B, n) of N bodies; -1 where there is none."""
+    found = np.where(identity[:, None] >= 0, identity[:, None] + count * np.arange(members)[:, None], -1)
+    return found.reshape(len(identity), -1)
 
 
 def contacts_of_rows(
-    spring: Sequence[Any], rows: int, identity: np.ndarray, first: np.ndarray, second: np.ndarray
+    spring: Sequence[Any], owned: np.ndarray, identity: np.ndarray, first: np.ndarray, second: np.ndarray
 ) -> Contacts:
     """`contacts_of_slabs` from arrays.
 
     Args:
         spring: (B, P) each.
-        rows: R, of own particles.
-        identity: (B, n) of all rows, those of ghosts last.
+        owned: (n,) bool, rows that are not of ghosts.
+        identity: (B, n) of all rows.
         first, second: (B, P), rows of each pair.
     """
     found = []
     for slab, number in enumerate(identity):
-        own = np.flatnonzero((first[slab] < rows) & (first[slab] != second[slab]))
+        own = np.flatnonzero(owned[first[slab]] & (first[slab] != second[slab]))
         values = np.stack([component[slab][own] for component in spring])
         found.append(_with_something(number[first[slab][own]], number[second[slab][own]], values))
     lower, upper, values = (np.concatenate(part, axis=-1) for part in zip(*(one[:3] for one in found), strict=True))
@@ -103,14 +112,18 @@ def _with_something(first: np.ndarray, second: np.ndarray, values: np.ndarray) -
     return Contacts(first[kept], second[kept], values[:, kept])
 
 
-def history_tables(contacts: Contacts, slab: np.ndarray, row: np.ndarray, shape: tuple[int, int, int]) -> tuple:
-    """What the particles of all slabs keep, as in `History`: (B, K, R) partners, and components (B, K, R) of values.
+def history_tables(
+    contacts: Contacts, slab: np.ndarray, row: np.ndarray, shape: tuple[int, int, int], members: int
+) -> tuple:
+    """What the particles of all slabs keep, as in `History`: (B, K m, R) partners, and components of values alike.
 
     Args:
         contacts: all of them.
         slab, row: (N,) of every particle.
         shape: B slabs, K slots, R rows.
+        members: m, of a clump; 1 of spheres.
     """
+    shape = shape[0], shape[1] * members, shape[2]
     owner = np.concatenate((contacts.first, contacts.second))
     partner = np.concatenate((contacts.second, contacts.first))
     values = np.concatenate((contacts.values, contacts.values), axis=1)
@@ -118,8 +131,9 @@ def history_tables(contacts: Contacts, slab: np.ndarray, row: np.ndarray, shape:
     owner, partner, values = owner[order], partner[order], values[:, order]
     slot = np.arange(len(owner)) - np.searchsorted(owner, owner)
     partners = np.full(shape, -1, np.int32)
-    place = slab[owner], slot, row[owner]
-    partners[place] = partner
+    (member, body), (of_partner, other) = divmod(owner, len(slab)), divmod(partner, len(slab))
+    place = slab[body], slot * members + member, row[body]
+    partners[place] = of_partner * member_stride(members) + other
     components = []
     for component in values:
         table = np.zeros(shape, values.dtype)

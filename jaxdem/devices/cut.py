@@ -63,8 +63,8 @@ def slabs_of(simulation: Simulation, number: int, position: np.ndarray | None, a
 
 
 def drift_of(simulation: Simulation) -> float:
-    """How far particles may stand outside of their slab when an interval begins [m]."""
-    return 0.0 if simulation.contact is None else STRAY * simulation.search.geometry.cutoff
+    """How far particles, of clumps their members, may stand outside of their slab when an interval begins [m]."""
+    return 0.0 if simulation.contact is None else STRAY * simulation.search.geometry.cutoff + simulation.search.arm
 
 
 def _fullest(simulation: Simulation, number: int, position: np.ndarray | None, axis: int) -> int:
@@ -87,7 +87,7 @@ def _reason(simulation: Simulation, number: int, axis: int) -> str | None:
         return None
     if simulation.contact is not None:
         width = simulation.box[axis] / number
-        least = NARROWEST * simulation.search.reach
+        least = NARROWEST * simulation.search.body_reach
         if width < least:
             return f"slabs of {width:.4g} m would be narrower than {least:.4g} m, which particles need"
     if simulation.fluid is None:

@@ -16,19 +16,18 @@ from jaxdem.devices.contacts import Contacts, contacts_of_list, history_tables
 from jaxdem.devices.gathering import gathered
 from jaxdem.devices.mesh import SAME, SLABS, on_host, on_slabs, put
 from jaxdem.devices.particle_fields import KEPT, of_each
-from jaxdem.devices.rooms import SlabRoom, equal_planes, needed_room, slab_of
+from jaxdem.devices.rooms import SlabRoom, Spheres, equal_planes, listed_spheres, needed_room, slab_of
 from jaxdem.devices.scalars import scalars_in_slabs
 from jaxdem.devices.simulation import DividedSimulation
 from jaxdem.errors import InputError, required
 from jaxdem.fluid.slabs import fluid_in_slabs
-from jaxdem.numerics import vectors
 from jaxdem.particles.ghosts import Ghosts
-from jaxdem.particles.integrate import ParticleState, centres_in_box, split_low
+from jaxdem.particles.integrate import Motion, ParticleState, centres_in_box
 from jaxdem.particles.mesh_contact import MeshMemory
-from jaxdem.particles.mesh_list import of_grain
 from jaxdem.particles.neighbors import Neighbors, Room
 from jaxdem.particles.slab_bonds import relisted
-from jaxdem.particles.slab_list import History, Meshes, of_pairs, slab_list
+from jaxdem.particles.slab_list import History, Meshes, memory_of_slab, of_pairs, slab_list
+from jaxdem.particles.slab_rows import Sizes, Standing
 from jaxdem.state import Parameters, State
 
 
@@ -85,31 +84,34 @@ def _particles(
         planes = equal_planes(division, search, along)
     slab = np.zeros(len(particles.position), int)
     slab[present] = slab_of(planes.astype(dtype), along)
-    listed = _listed_room(simulation, parameters, particles, np.where(_is_present(particles), slab, -1))
+    spheres = listed_spheres(simulation, parameters, particles)
+    listed = _listed_room(simulation, parameters, spheres, np.where(_is_present(particles), slab, -1))
     coming = simulation.count - len(present) if particles.inserted is not None else 0
-    wider = needed_room(division, search, inside, planes, listed, coming)
+    wider = needed_room(division, spheres, inside, planes, listed, coming)
     room = _for_contacts(wider if room is None else _covering(room, wider), contacts)
     row, table = np.zeros_like(slab), np.full((number, room.rows), -1, np.int32)
     for k in range(number):
         own = present[slab[present] == k]
         table[k, : len(own)], row[own] = own, np.arange(len(own))
-    history = History(*history_tables(contacts, slab, row, (number, room.listed.slots, room.rows)))
-    mesh, memory = required(simulation.mesh, "mesh"), _memory_of_rows(contacts, table)
+    shape = number, room.listed.slots, room.rows
+    history = History(*history_tables(contacts, slab, row, shape, search.members))
+    mesh, memory = required(simulation.mesh, "mesh"), _memory_of_rows(contacts, table, len(particles.position))
     rows_of_all = _rows(particles, table)
     if particles.bonds is not None:
         require_in_reach(search, particles.bonds)
         rows_of_all = rows_of_all._replace(bonds=bonds_in_slabs(particles.bonds, table))
-    given = (rows_of_all, _no_ghosts(planes.astype(dtype), table, room), history, memory)
+    given = (rows_of_all, _no_ghosts(planes.astype(dtype), table, room, search.members), history, memory)
     rows, ghosts, history, memory = put(mesh, given)
     listing, everywhere = _first_list(simulation, room.listed), put(mesh, (parameters.bodies, meshes), SAME)
     springs, memory, bonds, new = listing(*everywhere, rows, ghosts, history, memory)
     return rows._replace(contact_spring=springs, mesh_memory=memory, bonds=bonds), new
 
 
-def _memory_of_rows(contacts: Contacts, table: np.ndarray) -> tuple[MeshMemory, ...]:
-    """What contacts with meshes keep, arrays (B, C, R) of the rows of all slabs."""
+def _memory_of_rows(contacts: Contacts, table: np.ndarray, count: int) -> tuple[MeshMemory, ...]:
+    """What contacts with meshes keep, arrays (B, C m, R) of the rows of all slabs, of `count` particles in all."""
 
     def of_rows(values: Any) -> np.ndarray:
+        values = values.reshape(-1, count)
         chosen = np.where(table[None] >= 0, values[:, np.maximum(table, 0)], 0.0)
         return np.moveaxis(chosen, 1, 0).astype(values.dtype)
 
@@ -130,19 +132,20 @@ def _is_present(particles: ParticleState) -> np.ndarray:
     return np.ones(len(particles.position), bool) if particles.active is None else np.asarray(particles.active)
 
 
-def _listed_room(
-    simulation: DividedSimulation, parameters: Parameters, particles: ParticleState, slab: np.ndarray
-) -> Room:
+def _listed_room(simulation: DividedSimulation, parameters: Parameters, spheres: Spheres, slab: np.ndarray) -> Room:
     """Room for the list of the whole box, but of meshes for that of any slab; `slab` is -1 of who is not there."""
-    search, position = simulation.search, tuple(particles.position.T)
-    found = search.room(position, particles.active)
+    search = simulation.search
+    found = search.room(spheres.position, spheres.active)
     if not parameters.meshes:
         return found
     meshes = required(simulation.contact, "particles").model.meshes
-    given = parameters.meshes, tuple(mesh.usual for mesh in meshes), position
-    radius: Any = np.asarray(required(parameters.bodies, "parameters.bodies").radius)
-    there: list[Any] = [slab == k for k in range(simulation.slabs.number)]
-    rooms = [search.with_room_for_meshes(found, *given, radius, own) for own in there]
+    given = parameters.meshes, tuple(mesh.usual for mesh in meshes), spheres.position
+    there = np.ones(len(slab) * search.members, bool) if spheres.active is None else spheres.active
+    slab = np.tile(slab, search.members)
+    rooms = [
+        search.with_room_for_meshes(found, *given, spheres.radius, there & (slab == k))  # type: ignore[arg-type]
+        for k in range(simulation.slabs.number)
+    ]
     return functools.reduce(Room.covering, rooms)
 
 
@@ -181,9 +184,16 @@ def _rows(particles: ParticleState, table: np.ndarray) -> ParticleState:
         active=active,
         identity=identity,
         inserted=_in_all(particles.inserted, len(table)),
+        coming=_in_all(_coming(particles), len(table)),
         pistons=_in_all(particles.pistons, len(table)),
         mesh_wear=_in_all(particles.mesh_wear, len(table)),
     )
+
+
+def _coming(particles: ParticleState) -> Any:
+    """How clumps lie as they come in; None where none does."""
+    inlets = particles.inserted is not None and particles.orientation is not None
+    return (particles.orientation, particles.orientation_low) if inlets else None
 
 
 def _in_all(tree: Any, number: int) -> Any:
@@ -191,7 +201,7 @@ def _in_all(tree: Any, number: int) -> Any:
     return jax.tree.map(lambda x: np.stack([np.asarray(x)] * number), tree)
 
 
-def _no_ghosts(planes: Any, table: Any, room: SlabRoom) -> Ghosts:
+def _no_ghosts(planes: Any, table: Any, room: SlabRoom, members: int) -> Ghosts:
     """Ghosts (B, ...) before any has been chosen."""
     number = len(table)
     nobody = np.full((number, 2 * room.ghosts), -1, np.int32)
@@ -210,7 +220,7 @@ def _no_ghosts(planes: Any, table: Any, room: SlabRoom) -> Ghosts:
         "migrations": none,
         "cuts": none,
     }
-    return Ghosts(**parts, migrating=room.migrating)
+    return Ghosts(**parts, migrating=room.migrating, members=members)
 
 
 @functools.lru_cache(maxsize=8)
@@ -221,14 +231,12 @@ def _first_list(simulation: DividedSimulation, room: Room) -> Callable[..., Any]
     def listing(
         bodies: Any, meshes: Meshes, rows: ParticleState, ghosts: Ghosts, history: History, memory: Any
     ) -> tuple[Any, Any, Any, Neighbors]:
-        own = bodies.of_rows(rows.identity)
-        position = vectors.components(rows.position)
-        low = split_low(rows.position_low, len(position))
-        new = slab_list(simulation.search, simulation.division, position, low, own.radius, room, ghosts, meshes)
-        kept = zip(memory, new.meshes, strict=True)
-        of_rows = tuple(MeshMemory(*(of_grain(part, listed) for part in one)) for one, listed in kept)
+        own = Sizes.of(bodies.of_rows(rows.identity))
+        standing = Standing.of(Motion.of(rows), own, len(rows.position))
+        new = slab_list(simulation.search, simulation.division, standing, room, ghosts, meshes)
+        of_rows = memory_of_slab(memory, new)
         new, bonds = relisted(simulation.division.blocks, new, rows.bonds)
-        return of_pairs(history, required(new.ghosts, "ghosts").identity, new.pairs), of_rows, bonds, new
+        return of_pairs(history, required(new.ghosts, "ghosts"), new.pairs), of_rows, bonds, new
 
     mesh = required(simulation.mesh, "mesh")
     return jax.jit(on_slabs(mesh, listing, (SAME, SAME, *(SLABS,) * 4), (SLABS,) * 4))

@@ -83,8 +83,13 @@ def _by_identity(simulation: DividedSimulation, rows: ParticleState) -> Particle
 
     active: Any = np.zeros(simulation.count, bool)
     active[number] = True
+    by_identity = of_each(rows, lambda values, axis, _: rows_by_identity(values, there, number, simulation.count, axis))
+    if rows.coming is not None:  # of clumps that are not there how they were to come in
+        for name, all_ in zip(("orientation", "orientation_low"), rows.coming, strict=True):
+            if all_ is not None:
+                by_identity[name] = np.where(active[:, None], by_identity[name], all_[0])
     return ParticleState(
-        **of_each(rows, lambda values, axis, _: rows_by_identity(values, there, number, simulation.count, axis)),
+        **by_identity,
         contact_spring=(),
         active=None if simulation.population is None else active,
         inserted=None if rows.inserted is None else rows.inserted[0],
@@ -121,7 +126,7 @@ def on_one_device(
     placed = simulation.meshes_placed(parameters, particles, step)
     neighbors = simulation.undivided().allocate(parameters, particles, placed=placed)
     first, second = np.asarray(neighbors.pairs.first), np.asarray(neighbors.pairs.second)
-    count = max(len(particles.position), 1)
+    count = max(len(neighbors.reference[0]), 1)
     # A pair is one number; the empty ones come after all others.
     pair = np.where(first == second, count * count, first.astype(np.int64) * count + second)
     order = np.argsort(pair)

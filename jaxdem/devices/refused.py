@@ -25,11 +25,6 @@ class Refused(NamedTuple):
     there: Callable[[Simulation], bool]
 
 
-def _has_clumps(simulation: Simulation) -> bool:
-    contact = simulation.contact
-    return contact is not None and contact.search is not None and contact.search.members > 1
-
-
 def _bonds_in_a_population(simulation: Simulation) -> bool:
     # What is left of a bond both of whose grains have gone would be in no slab.
     contact = simulation.contact
@@ -37,9 +32,6 @@ def _bonds_in_a_population(simulation: Simulation) -> bool:
 
 
 REFUSED = (
-    Refused(
-        "particles.shape", "a clump", "clumps, whose members a slab would have to know with their bodies", _has_clumps
-    ),
     Refused("bonds", "...", "bonds between particles of which some leave or come in", _bonds_in_a_population),
     Refused(
         "walls.piston",

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from jaxdem.errors import required
 from jaxdem.numerics.static import static
 from jaxdem.particles.ghosts import Division
+from jaxdem.particles.integrate import ParticleState
 from jaxdem.particles.migration import IMBALANCE, NARROWEST
 from jaxdem.particles.neighbor_search import NeighborSearch
 from jaxdem.particles.neighbors import Neighbors, Room
 from jaxdem.particles.usual_room import EXTRA_CAPACITY, EXTRA_PAIRS, USUAL_PAIRS
+from jaxdem.simulation import Simulation, contact_spheres
+from jaxdem.state import Parameters
 
 LEAST = 16
 """Rows, ghosts and travellers that there is always room for beside those that are needed."""
@@ -62,7 +66,7 @@ class SlabRoom:
 def equal_planes(division: Division, search: NeighborSearch, along: np.ndarray) -> np.ndarray:
     """(B - 1,) where to cut for equal numbers, no slab narrower than the limit, from positions (N,) in the box [m]."""
     number, length = division.blocks.number, division.length
-    least = NARROWEST * search.reach
+    least = NARROWEST * search.body_reach
     if len(along) < number:
         return length * np.arange(1, number) / number
     ordered = np.sort(along)
@@ -80,19 +84,55 @@ def slab_of(planes: np.ndarray, along: np.ndarray) -> np.ndarray:
     return np.searchsorted(planes, along, side="right")
 
 
+class Spheres(NamedTuple):
+    """What a list of the whole box is of: the particles, or the members of clumps, m N rows.
+
+    Attributes:
+        search: that lists them; static.
+        position: D arrays (m N,) [m].
+        radius: () or (m N,) [m].
+        active: (m N,) bool, which there are; None where all.
+    """
+
+    search: NeighborSearch
+    position: tuple[Any, ...]
+    radius: Any
+    active: Any
+
+    def neighbours(self) -> np.ndarray:
+        """(N',) how many others the particles that there are have in reach, of clumps all members together."""
+        there = np.ones(len(self.position[0]), bool) if self.active is None else np.asarray(self.active)
+        found = np.zeros(len(there))
+        if there.any():
+            tree = self.search.tree(tuple(np.asarray(x, float)[there] for x in self.position))
+            found[there] = tree.query_ball_point(tree.data, self.search.reach, return_length=True, workers=-1)
+            found[there] -= self.search.own_in_reach(self.position, self.active)
+        members = self.search.members
+        return found.reshape(members, -1).sum(axis=0)[there.reshape(members, -1).any(axis=0)]
+
+
+def listed_spheres(simulation: Simulation, parameters: Parameters, particles: ParticleState) -> Spheres:
+    """Of particles on one device or on the host."""
+    bodies = required(parameters.bodies, "parameters.bodies")
+    spheres, radius = contact_spheres(particles, bodies)
+    position = tuple(np.asarray(spheres.position).T)
+    return Spheres(simulation.search, position, np.asarray(radius), spheres.active)
+
+
 def needed_room(
-    division: Division, search: NeighborSearch, position: np.ndarray, planes: np.ndarray, room: Room, coming: int = 0
+    division: Division, spheres: Spheres, position: np.ndarray, planes: np.ndarray, room: Room, coming: int = 0
 ) -> SlabRoom:
     """Room for these particles with a margin.
 
     Args:
-        division, search: of the simulation.
+        division: of the simulation.
+        spheres: that touch, of all particles.
         position: (N, D) of those present, in the box [m].
         planes: (B - 1,) [m].
         room: for their list on one device.
         coming: particles that come in later.
     """
-    number, dimension = division.blocks.number, position.shape[1]
+    number, dimension, search = division.blocks.number, position.shape[1], spheres.search
     along = position[:, division.blocks.axis]
     slab = slab_of(planes, along)
     counts = np.bincount(slab, minlength=number)
@@ -105,17 +145,13 @@ def needed_room(
         apart = along - plane
         if division.blocks.periodic:
             apart = apart - division.length * np.round(apart / division.length)
-        close = np.abs(apart) < search.reach * 1.25
+        close = np.abs(apart) < search.body_reach * 1.25
         most = max(most, int(np.sum(close & (apart < 0))), int(np.sum(close & (apart >= 0))))
         near |= close
     ghosts = math.ceil(EXTRA_CAPACITY * most) + LEAST if number > 1 else 1
-    found = np.zeros(len(position))
-    if len(position):
-        tree = search.tree(tuple(position.T))
-        found = tree.query_ball_point(tree.data, search.reach, return_length=True, workers=-1) - 1.0
     # A pair across a border is half of the neighbours of either, and a whole one of both slabs.
-    each = np.bincount(slab, weights=0.5 * found * (1 + near), minlength=number)
-    usual = USUAL_PAIRS[dimension] * (fullest + most)
+    each = np.bincount(slab, weights=0.5 * spheres.neighbours() * (1 + near), minlength=number)
+    usual = USUAL_PAIRS[dimension] * (fullest + most) * search.members
     pairs = max(math.ceil(EXTRA_PAIRS * each.max()), math.ceil(usual)) + 1
     listed = dataclasses.replace(room, slots=max(room.slots, 1), pairs=pairs)
     return SlabRoom(rows, ghosts, rows // TRAVELLERS + LEAST, listed)

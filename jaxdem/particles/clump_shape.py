@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jax import Array
 
@@ -45,11 +46,12 @@ class Clumps(NamedTuple):
         return self.share.shape[0]
 
     def rows(self, quantity: Array, bodies: int) -> Array:
-        """(m N,) of the members, of (m, N), (m, 1) or, of the bodies, (N,); () unchanged."""
-        if quantity.ndim == 0:
-            return quantity
-        table = quantity if quantity.ndim == 2 else quantity[None]
-        return jnp.broadcast_to(table, (self.members, bodies)).reshape(-1)
+        """See `member_rows`."""
+        return member_rows(quantity, self.members, bodies)
+
+    def of_rows(self, number: Array) -> Clumps:
+        """The bodies with these numbers (R,), from all bodies."""
+        return jax.tree.map(lambda x: bodies_of(x, number), self)
 
 
 class Placed(NamedTuple):
@@ -79,6 +81,24 @@ class Placed(NamedTuple):
         """See `active_rows`."""
         members, bodies = self.arm[0].shape
         return active_rows(self.there, active, members, bodies)
+
+
+def member_rows(quantity: Array, members: int, bodies: int) -> Array:
+    """(m N,) of the members, of (m, N), (m, 1) or, of the bodies, (N,); () unchanged."""
+    if quantity.ndim == 0:
+        return quantity
+    table = quantity if quantity.ndim == 2 else quantity[None]
+    return jnp.broadcast_to(table, (members, bodies)).reshape(-1)
+
+
+def differs(quantity: Array) -> bool:
+    """Whether an array has an entry for every body: (N,) and (m, N) have, () and (m, 1) have not."""
+    return quantity.ndim == 1 or (quantity.ndim == 2 and quantity.shape[1] > 1)
+
+
+def bodies_of(quantity: Array, number: Array | slice) -> Array:
+    """What the bodies with these numbers have, of a number of each body or member; of equal bodies unchanged."""
+    return quantity[..., number] if differs(quantity) else quantity
 
 
 def active_rows(there: Array | None, active: Array | None, members: int, bodies: int) -> Array | None:

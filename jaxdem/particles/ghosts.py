@@ -94,6 +94,8 @@ class Ghosts:
         migrations: () int32, times that particles went to other slabs.
         cuts: () int32, times that the cut planes moved.
         migrating: room for particles that go to one neighbour at once; static.
+        members: m, rows of a list that a particle has: row k n + i is member k of the clump in row i; 1 of spheres;
+            static.
     """
 
     planes: Array
@@ -105,6 +107,7 @@ class Ghosts:
     migrations: Array
     cuts: Array
     migrating: int = dataclasses.field(metadata={"static": True})
+    members: int = dataclasses.field(default=1, metadata={"static": True})
 
     @property
     def rows(self) -> int:
@@ -115,6 +118,37 @@ class Ghosts:
     def own(self) -> Array:
         """(R,) bool, rows with a particle of this slab."""
         return self.identity[: self.rows] >= 0
+
+    def body(self, row: Array) -> Array:
+        """The row of the particle that rows of a list belong to."""
+        return row if self.members == 1 else row % self.identity.shape[0]
+
+    def own_number(self, row: Array) -> Array:
+        """Number k R + i of the member in a row of a list, among those of own particles; m R of all others, for spheres
+        the row itself."""
+        if self.members == 1:
+            return row
+        body, member = self.body(row), row // self.identity.shape[0]
+        own = (body < self.rows) & (member < self.members)
+        return jnp.where(own, member * self.rows + body, self.members * self.rows)
+
+    def of_own(self, values: Array) -> Array:
+        """(K m, R) of own particles, of values (K, m n) of the rows of a list."""
+        return values.reshape(-1, self.identity.shape[0])[:, : self.rows]
+
+    @property
+    def touching(self) -> Array:
+        """(m n,) int32, who is in the rows of a list: of member k of a clump `member_stride(m)` k + its identity, so
+        that members are in the order that they have on one device; -1 where there is nobody."""
+        if self.members == 1:
+            return self.identity
+        member = member_stride(self.members) * jnp.arange(self.members, dtype=jnp.int32)
+        return jnp.where(self.identity[None] >= 0, member[:, None] + self.identity[None], -1).reshape(-1)
+
+
+def member_stride(members: int) -> int:
+    """By how much the identities of two members of a clump that follow each other differ: as far as int32 reaches."""
+    return (2**31 - 1) // members
 
 
 def beside(blocks: Blocks, ghosts: Ghosts, own: Vector) -> Vector:

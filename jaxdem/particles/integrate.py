@@ -46,6 +46,8 @@ class ParticleState(NamedTuple):
         orientation: of clumps, (N, 4) unit quaternion (w, x, y, z) that turns the principal axes into those of the box;
             in 2-D (N, 1) an angle [rad]. None for spheres.
         orientation_low: trailing part of the same; None in float64.
+        coming: in slabs with inlets, orientation and its trailing part of all clumps by identity, as they come in; None
+            of spheres, without inlets and on one device, where rows of those that are still to come have it.
     """
 
     position: Array
@@ -67,6 +69,7 @@ class ParticleState(NamedTuple):
     mesh_wear: tuple[Any, ...] = ()
     orientation: Array | None = None
     orientation_low: Low = None
+    coming: tuple[Array, Low] | None = None
 
 
 class Motion(NamedTuple):
@@ -179,8 +182,9 @@ class ParticleProperties(NamedTuple):
         if identity is None:
             return self
         number = jnp.maximum(identity, 0)
-        rows: ParticleProperties = jax.tree.map(lambda x: x[number] if x.ndim else x, self)
-        return rows._replace(identity=identity)
+        clumps = None if self.clumps is None else self.clumps.of_rows(number)
+        rows: ParticleProperties = jax.tree.map(lambda x: x[number] if x.ndim else x, self._replace(clumps=None))
+        return rows._replace(identity=identity, clumps=clumps)
 
     @property
     def volume(self) -> Array:
@@ -233,7 +237,8 @@ class ParticleProperties(NamedTuple):
             return self
         radius = self.clumps.rows(self.clumps.radius, count)
         ratio = self.clumps.rows(self.volume, count) / ((4.0 / 3.0) * jnp.pi * radius**3)
-        return ParticleProperties(radius, self.clumps.rows(self.density, count) * ratio)
+        identity = None if self.identity is None else self.clumps.rows(self.identity, count)
+        return ParticleProperties(radius, self.clumps.rows(self.density, count) * ratio, identity=identity)
 
 
 def centres_in_box(state: ParticleState, box: tuple[float, ...], periodic: tuple[bool, ...]) -> Array:

@@ -20,13 +20,13 @@ from jaxdem.numerics.batches import cond_in_batch
 from jaxdem.numerics.blocks import Blocks
 from jaxdem.numerics.placement import Placement
 from jaxdem.particles.ghosts import Division, Ghosts
-from jaxdem.particles.integrate import ParticleState, split_low
+from jaxdem.particles.integrate import Motion, ParticleState, split_low
 from jaxdem.particles.mesh_contact import MeshMemory
-from jaxdem.particles.mesh_list import by_grain, of_grain
 from jaxdem.particles.neighbor_search import NeighborSearch
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.particles.slab_bonds import relisted, rows_first, rows_last
-from jaxdem.particles.slab_list import History, history_of, of_pairs, renewed_list
+from jaxdem.particles.slab_list import History, history_of, memory_of_rows, memory_of_slab, of_pairs, renewed_list
+from jaxdem.particles.slab_rows import Sizes, Standing
 
 IMBALANCE = 1.05
 """The cut planes move where the fullest slab has this many times its share of the particles, ..."""
@@ -35,7 +35,7 @@ LEAST_EXCESS = 8
 """... and so many particles more than its share at least."""
 
 NARROWEST = 2.0
-"""A slab stays this many times as wide as the list reaches."""
+"""A slab stays this many times as wide as the list reaches, of clumps from centre to centre."""
 
 
 class _Rows(NamedTuple):
@@ -50,7 +50,7 @@ class _Rows(NamedTuple):
 def settled(
     division: Division,
     search: NeighborSearch,
-    radius: Array,
+    sizes: Sizes,
     particles: ParticleState,
     neighbors: Neighbors,
     placed: tuple[Placement | None, ...] = (),
@@ -64,7 +64,7 @@ def settled(
     Args:
         division: of the box; static.
         search: of the list; static.
-        radius: () or (N,) of all particles by identity [m].
+        sizes: of all particles by identity.
         particles: of this slab, R rows.
         neighbors: their list.
         placed: where each mesh is, None for one at rest; empty where all are.
@@ -92,7 +92,7 @@ def settled(
         any_out = any_out | jnp.any(planes != ghosts.planes)
 
     def move(all_: tuple[ParticleState, Neighbors, Any]) -> tuple[ParticleState, Neighbors, Any]:
-        return _moved(division, search, radius, all_, planes, placed)
+        return _moved(division, search, sizes, all_, planes, placed)
 
     return cond_in_batch(any_out, move, (particles, neighbors, along))
 
@@ -138,14 +138,14 @@ def _balanced(
     found = jnp.where((given > 0) & (plane == own), up, 0.0) + jnp.where((given < 0) & (plane == own - 1), down, 0.0)
     found = jnp.where(given == 0, planes, blocks.total(found))
     ends = jnp.concatenate((jnp.zeros_like(planes, shape=1), planes, jnp.full_like(planes, division.length, shape=1)))
-    spare = jnp.maximum(0.5 * (jnp.diff(ends) - NARROWEST * search.reach), 0.0)
+    spare = jnp.maximum(0.5 * (jnp.diff(ends) - NARROWEST * search.body_reach), 0.0)
     return jnp.clip(found, planes - spare[:-1], planes + spare[1:])
 
 
 def _moved(
     division: Division,
     search: NeighborSearch,
-    radius: Array,
+    sizes: Sizes,
     all_: tuple[ParticleState, Neighbors, Any],
     planes: Array,
     placed: tuple[Placement | None, ...],
@@ -169,26 +169,25 @@ def _moved(
         cuts=ghosts.cuts + jnp.any(planes != ghosts.planes).astype(jnp.int32),
     )
     particles = _row_last(rows.particles, particles)._replace(identity=identity)
-    own = radius if radius.ndim == 0 else radius[jnp.maximum(identity, 0)]
+    standing = Standing.of(Motion.of(particles), sizes.of_rows(jnp.maximum(identity, 0)), ghosts.rows)
     neighbors = dataclasses.replace(neighbors, overflow=neighbors.overflow | lacking)
-    new = renewed_list(search, division, *_positions(particles), own, neighbors, ghosts, placed)
+    new = renewed_list(search, division, standing, neighbors, ghosts, placed)
     new, bonds = relisted(division.blocks, new, particles.bonds)
     particles = particles._replace(bonds=bonds)
-    springs = of_pairs(history, required(new.ghosts, "ghosts of a list").identity, new.pairs)
-    kept = zip(meshes, new.meshes, strict=True)
-    memory = tuple(MeshMemory(*(of_grain(part, listed) for part in one)) for one, listed in kept)
+    springs = of_pairs(history, required(new.ghosts, "ghosts of a list"), new.pairs)
+    memory = memory_of_slab(meshes, new)
     return particles._replace(contact_spring=springs, mesh_memory=memory), new, rows.along
 
 
 def _rows(particles: ParticleState, neighbors: Neighbors, along: Any) -> _Rows:
     """What goes along; a row whose particle has come since the list was made has no contacts."""
-    ghosts, count = required(neighbors.ghosts, "ghosts of a list"), particles.position.shape[0]
+    ghosts = required(neighbors.ghosts, "ghosts of a list")
     same = required(particles.identity, "identity of the particles") == ghosts.identity[: ghosts.rows]
     history = history_of(particles.contact_spring, neighbors)
     history = history._replace(partner=jnp.where(same[None], history.partner, -1))
     meshes = tuple(
-        MeshMemory(*(tuple(jnp.where(same[None], x, 0.0) for x in by_grain(part, listed, count)) for part in kept))
-        for kept, listed in zip(particles.mesh_memory, neighbors.meshes, strict=True)
+        MeshMemory(*(tuple(jnp.where(same[None], x, 0.0) for x in part) for part in kept))
+        for kept in memory_of_rows(particles.mesh_memory, neighbors)
     )
     history, meshes = jax.tree.map(jnp.transpose, (history, meshes))
     return _Rows(_row_first(particles), history, meshes, along)
@@ -198,9 +197,10 @@ def _row_first(particles: ParticleState) -> ParticleState:
     """What goes along with a particle, with the axis of the rows in front."""
     return particles._replace(
         contact_spring=(),
-        wall_spring=tuple(x.T for x in particles.wall_spring),
+        wall_spring=tuple(x.reshape(-1, len(particles.position)).T for x in particles.wall_spring),
         fluid_memory=jax.tree.map(lambda x: jnp.moveaxis(x, -2, 0), particles.fluid_memory),
         inserted=None,
+        coming=None,
         pistons=None,
         mesh_memory=(),
         mesh_wear=(),
@@ -212,9 +212,10 @@ def _row_last(rows: ParticleState, before: ParticleState) -> ParticleState:
     """The inverse of `_row_first`; what does not go along is that of the state before."""
     return rows._replace(
         contact_spring=before.contact_spring,
-        wall_spring=tuple(x.T for x in rows.wall_spring),
+        wall_spring=tuple(x.T.reshape(y.shape) for x, y in zip(rows.wall_spring, before.wall_spring, strict=True)),
         fluid_memory=jax.tree.map(lambda x: jnp.moveaxis(x, 0, -2), rows.fluid_memory),
         inserted=before.inserted,
+        coming=before.coming,
         pistons=before.pistons,
         mesh_wear=before.mesh_wear,
         bonds=None if rows.bonds is None or before.bonds is None else rows_last(rows.bonds, before.bonds),

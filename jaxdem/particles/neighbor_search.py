@@ -48,6 +48,7 @@ class NeighborSearch:
         moving: of each mesh, whether it moves.
         members: spheres of a body, which are no pairs with each other; of N bodies row k N + i is one of body i.
         levels: of size, by which grains are looked for; None for one table for all.
+        arm: farthest that the centre of a member is from that of its body; 0 of spheres [m].
     """
 
     geometry: NeighborGeometry
@@ -55,6 +56,7 @@ class NeighborSearch:
     moving: tuple[bool, ...] = ()
     members: int = 1
     levels: SizeLevels | None = None
+    arm: float = 0.0
 
     @property
     def without_levels(self) -> NeighborSearch:
@@ -73,6 +75,11 @@ class NeighborSearch:
     def reach(self) -> float:
         """Pairs nearer than this are listed; in a list by levels, of the largest grains [m]."""
         return self.geometry.cutoff + self.geometry.skin
+
+    @property
+    def body_reach(self) -> float:
+        """Particles whose centres are farther apart have no spheres within `reach`; of spheres that itself [m]."""
+        return self.reach if self.members == 1 else self.reach + 2.0 * self.arm
 
     @property
     def cells(self) -> tuple[int, ...]:
@@ -310,7 +317,7 @@ class NeighborSearch:
             places = tuple(np.asarray(x, float) for x in position)
             return level_room(self.levels, self.geometry, places, np.asarray(required(radius, "radii"), float), there)
         present = jax.tree.map(np.asarray, position)
-        own = self._own(present, active)
+        own = self.own_in_reach(present, active)
         if active is not None:
             present = tuple(x[np.asarray(active)] for x in present)
         cells = self._cells(position)
@@ -345,7 +352,7 @@ class NeighborSearch:
         others = tree.query_ball_point(tree.data, self.reach, return_length=True, workers=-1) - own
         return int(others.sum()) // 2, int(others.max(initial=0))
 
-    def _own(self, position: Vector, active: Array | None) -> np.ndarray | int:
+    def own_in_reach(self, position: Vector, active: Array | None) -> np.ndarray | int:
         """(N,) of those present: how many spheres of its body a sphere has in reach, itself too; not jittable."""
         if self.members == 1:
             return 1

@@ -90,7 +90,7 @@ def counted_pairs(neighbors: Neighbors) -> Array | None:
     """(P,) bool, which pairs belong to this slab: one across a border is in the lists of both, and is counted with its
     first particle. None on one device."""
     ghosts = neighbors.ghosts
-    return None if ghosts is None else neighbors.pairs.first < ghosts.rows
+    return None if ghosts is None else ghosts.body(neighbors.pairs.first) < ghosts.rows
 
 
 def add_pairs(step: ContactStep, neighbors: Neighbors, sums: Sums) -> tuple[Sums, Vector]:

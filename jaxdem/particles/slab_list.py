@@ -9,14 +9,16 @@ import jax.numpy as jnp
 from jax import Array, lax
 
 from jaxdem.errors import required
-from jaxdem.numerics.compensated import Low
 from jaxdem.numerics.placement import Placement
 from jaxdem.numerics.vectors import Vector
-from jaxdem.particles.ghosts import Division, Ghosts, chosen_ghosts, with_ghosts
+from jaxdem.particles.ghosts import Division, Ghosts, chosen_ghosts
+from jaxdem.particles.mesh_contact import MeshMemory
+from jaxdem.particles.mesh_list import MeshList, by_grain, of_grain
 from jaxdem.particles.mesh_surface import MeshSurface
 from jaxdem.particles.neighbor_search import NeighborSearch
 from jaxdem.particles.neighbors import Neighbors, Room, with_radius
 from jaxdem.particles.pairs import Pairs, at, repeated
+from jaxdem.particles.slab_rows import Standing, rows_beside
 
 
 class Meshes(NamedTuple):
@@ -33,8 +35,9 @@ class History(NamedTuple):
     """What R particles keep of their contacts, whoever the first of a pair is.
 
     Attributes:
-        partner: (K, R) int32, identity of the other; -1 where there is none.
-        values: components (K, R), of the pair.
+        partner: (K, R) int32, identity of the other as in `Ghosts.touching`; -1 where there is none. Of clumps with m
+            members (K m, R): row k m + j is of member j.
+        values: components of the same shape, of the pair.
     """
 
     partner: Array
@@ -44,25 +47,25 @@ class History(NamedTuple):
 def history_of(values: Vector, neighbors: Neighbors) -> History:
     """What the own particles of a slab keep, from values (P,) of the pairs of its list."""
     ghosts = required(neighbors.ghosts, "ghosts of a list")
-    own = jnp.arange(ghosts.rows, dtype=jnp.int32)
-    index, entry = neighbors.index[:, : ghosts.rows], neighbors.pairs.entry[:, : ghosts.rows]
-    partner = jnp.where(index == own[None], -1, ghosts.identity[index])
+    row = jnp.broadcast_to(jnp.arange(neighbors.index.shape[1], dtype=jnp.int32)[None], neighbors.index.shape)
+    index, entry, itself = (ghosts.of_own(x) for x in (neighbors.index, neighbors.pairs.entry, row))
+    partner = jnp.where(index == itself, -1, ghosts.touching[index])
     count = neighbors.overlap.shape[0]
     return History(partner, at(values, jnp.where(entry < count, entry, entry - count)))
 
 
-def of_pairs(history: History, identity: Array, pairs: Pairs) -> Vector:
+def of_pairs(history: History, ghosts: Ghosts, pairs: Pairs) -> Vector:
     """Components (P,), what the pairs of a list keep; zero for those that have nothing.
 
     Args:
         history: of the R own particles, which stand before the ghosts.
-        identity: (n,) int32 of all rows.
+        ghosts: of the list, with the identities of all rows.
         pairs: of the list; at least one of the two is an own particle.
     """
-    slots, rows = history.partner.shape
-    first_own = pairs.first < rows
-    one = jnp.where(first_own, pairs.first, pairs.second)
-    wanted = identity[jnp.where(first_own, pairs.second, pairs.first)]
+    slots, rows = history.partner.shape[0] // ghosts.members, ghosts.members * ghosts.rows
+    first_own = ghosts.body(pairs.first) < ghosts.rows
+    one = ghosts.own_number(jnp.where(first_own, pairs.first, pairs.second))
+    wanted = ghosts.touching[jnp.where(first_own, pairs.second, pairs.first)]
     partner = history.partner.reshape(-1)
 
     def look(k: int | Array, found: Array) -> Array:
@@ -76,12 +79,36 @@ def of_pairs(history: History, identity: Array, pairs: Pairs) -> Vector:
     return tuple(jnp.where(found, component, 0.0) for component in kept)
 
 
+def memory_of_rows(memory: tuple[MeshMemory, ...], neighbors: Neighbors) -> tuple[MeshMemory, ...]:
+    """What the R own particles keep of their contacts with meshes, arrays (C m, R), from those of the list's rows."""
+    ghosts = required(neighbors.ghosts, "ghosts of a list")
+    rows = ghosts.members * ghosts.rows
+
+    def of(values: Vector, listed: MeshList) -> Vector:
+        numbered = dataclasses.replace(listed, row=ghosts.own_number(listed.row))
+        return tuple(x.reshape(-1, ghosts.rows) for x in by_grain(values, numbered, rows))
+
+    pairs = zip(memory, neighbors.meshes, strict=True)
+    return tuple(MeshMemory(*(of(part, listed) for part in kept)) for kept, listed in pairs)
+
+
+def memory_of_slab(memory: tuple[MeshMemory, ...], neighbors: Neighbors) -> tuple[MeshMemory, ...]:
+    """The inverse of `memory_of_rows`."""
+    ghosts = required(neighbors.ghosts, "ghosts of a list")
+    rows = ghosts.members * ghosts.rows
+
+    def of(values: Vector, listed: MeshList) -> Vector:
+        numbered = dataclasses.replace(listed, row=ghosts.own_number(listed.row))
+        return of_grain(tuple(x.reshape(-1, rows) for x in values), numbered)
+
+    pairs = zip(memory, neighbors.meshes, strict=True)
+    return tuple(MeshMemory(*(of(part, listed) for part in kept)) for kept, listed in pairs)
+
+
 def slab_list(
     search: NeighborSearch,
     division: Division,
-    position: Vector,
-    low: tuple[Low, ...],
-    radius: Array,
+    standing: Standing,
     room: Room,
     ghosts: Ghosts,
     meshes: Meshes = NO_MESHES,
@@ -91,49 +118,43 @@ def slab_list(
     Args:
         search: for the whole box.
         division: of the box.
-        position, low: D arrays (R,) of the own particles [m].
-        radius: () or (R,) [m].
+        standing: the R own particles.
         room: for the list.
         ghosts: with the identities of the own particles; who is a ghost is found here.
         meshes: of the scene, whole on every device.
     """
-    position, low, radius = lax.stop_gradient((position, low, radius))
-    ghosts = chosen_ghosts(division, ghosts, position, low, search.reach)
-    own = (*position, *(x for x in low if x is not None), *(() if radius.ndim == 0 else (radius,)))
-    filled = with_ghosts(division.blocks, ghosts, own)
-    dimension, identity = len(position), ghosts.identity
-    position, rest = filled[:dimension], filled[dimension:]
-    if low[0] is not None:
-        low, rest = rest[:dimension], rest[dimension:]
-    index, crowded = search.in_reach(position, low, room, identity >= 0)
-    row = jnp.arange(identity.shape[0], dtype=jnp.int32)
+    standing = lax.stop_gradient(standing)
+    ghosts = chosen_ghosts(division, ghosts, standing.position, standing.low, search.body_reach)
+    bodies, position, low, radius = rows_beside(division.blocks, ghosts, standing).spheres()
+    there = ghosts.identity >= 0
+    if bodies is not None:
+        there = required(bodies.active_rows(there), "rows of a list")
+    index, crowded = search.in_reach(position, low, room, there)
+    row = jnp.arange(there.shape[0], dtype=jnp.int32)
     # Two ghosts are no pair of this slab.
-    index = jnp.where((row[None] >= ghosts.rows) & (index >= ghosts.rows), row[None], index)
+    of_ghosts = ghosts.body(row) >= ghosts.rows
+    index = jnp.where(of_ghosts[None] & (ghosts.body(index) >= ghosts.rows), row[None], index)
     lacking = ghosts.narrow | (ghosts.needed[1] > ghosts.lower.shape[0])
-    listed = search.listed(index, position, low, rest[0] if rest else radius, room, crowded | lacking, identity)
+    listed = search.listed(index, position, low, radius, room, crowded | lacking, ghosts.touching)
     if meshes.surfaces:
-        own_rows = (identity >= 0) & (row < ghosts.rows)
-        listed = search.with_meshes(listed, meshes.surfaces, room, own_rows, meshes.placed)
-    return dataclasses.replace(listed, ghosts=ghosts)
+        listed = search.with_meshes(listed, meshes.surfaces, room, there & ~of_ghosts, meshes.placed)
+    return dataclasses.replace(listed, ghosts=ghosts, bodies=bodies)
 
 
 def renewed_list(
     search: NeighborSearch,
     division: Division,
-    position: Vector,
-    low: tuple[Low, ...],
-    radius: Array,
+    standing: Standing,
     old: Neighbors,
     ghosts: Ghosts,
     placed: tuple[Placement | None, ...] = (),
 ) -> Neighbors:
-    """A list at these positions with the room of another one; `radius`, () or (n,), is as old as that one.
+    """A list of the own particles where they are, with the room of another one.
 
     `placed` is where each mesh is, None for one at rest; empty where all are.
     """
-    own = radius if radius.ndim == 0 else radius[: ghosts.rows]
-    new = slab_list(search, division, position, low, own, old.room, ghosts, Meshes(old.surfaces, placed))
-    radius = own
-    if own.ndim:
-        radius = with_ghosts(division.blocks, required(new.ghosts, "ghosts of a list"), (own,))[0]
+    new = slab_list(search, division, standing, old.room, ghosts, Meshes(old.surfaces, placed))
+    ghosts = required(new.ghosts, "ghosts of a list")
+    sizes = standing.sizes._replace(radius=rows_beside(division.blocks, ghosts, standing.sizes.radius))
+    radius = sizes.rows(ghosts.identity.shape[0])
     return dataclasses.replace(with_radius(new, radius), builds=old.builds + 1, overflow=old.overflow | new.overflow)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
@@ -70,6 +71,16 @@ def renewed_in_slab(
     return particles, dataclasses.replace(neighbors, ghosts=ghosts, overflow=overflow)
 
 
+def _lying(particles: ParticleState, new: Array, identity: Array) -> ParticleState:
+    """The particles with clumps in new rows (R, 1) as they come in; `identity` (R,) is of the rows from now on."""
+    if particles.coming is None:
+        return particles
+    now, coming = (particles.orientation, particles.orientation_low), particles.coming
+    number = jnp.maximum(identity, 0)
+    found = jax.tree.map(lambda rows, all_: jnp.where(new, all_[number], rows), now, coming)
+    return particles._replace(orientation=found[0], orientation_low=found[1])
+
+
 @dataclasses.dataclass(frozen=True)
 class _Coming:
     """How the particles of one inlet come into a slab.
@@ -98,6 +109,7 @@ class _Coming:
             _Rows(start, before, identity, inserted[insertion.number], zero),
         )
         new, low = (rows.active & ~before)[:, None], particles.position_low
+        particles = _lying(particles, new, rows.identity)
         particles = particles._replace(
             position=jnp.where(new, rows.position, particles.position),
             position_low=None if low is None else jnp.where(new, 0.0, low),

@@ -15,14 +15,17 @@ from jax import Array, lax
 
 from jaxdem.errors import required
 from jaxdem.numerics import vectors
+from jaxdem.numerics.compensated import Low
 from jaxdem.numerics.placement import Placement
 from jaxdem.numerics.vectors import Vector
-from jaxdem.particles.ghosts import NEVER, Division, Ghosts, exchanged, with_ghosts
+from jaxdem.particles.clumps import farthest_way
+from jaxdem.particles.ghosts import NEVER, Division, Ghosts, exchanged
 from jaxdem.particles.integrate import Motion, ParticleProperties, ParticleState
 from jaxdem.particles.neighbor_search import NeighborSearch
 from jaxdem.particles.neighbors import Neighbors, displacement_since_build
 from jaxdem.particles.slab_bonds import noted, relisted
 from jaxdem.particles.slab_list import history_of, of_pairs, renewed_list
+from jaxdem.particles.slab_rows import Sizes, Standing, rows_beside
 
 
 class SlabCarry(NamedTuple):
@@ -42,6 +45,17 @@ def padded_rows(ghosts: Ghosts, rows: Array) -> Array:
     return jnp.pad(rows, [(0, ghosts.identity.shape[0] - ghosts.rows), *[(0, 0)] * (rows.ndim - 1)])
 
 
+def _walls_of_all(ghosts: Ghosts, spring: Array) -> Array:
+    """(S, m n) springs at the walls of the rows of a list, of (S, m R)."""
+    own = spring.reshape(len(spring) * ghosts.members, ghosts.rows)
+    return padded_rows(ghosts, own.T).T.reshape(len(spring), ghosts.members * ghosts.identity.shape[0])
+
+
+def _walls_of_own(ghosts: Ghosts, spring: Array) -> Array:
+    """The inverse of `_walls_of_all`."""
+    return ghosts.of_own(spring).reshape(len(spring), ghosts.members * ghosts.rows)
+
+
 def padded(ghosts: Ghosts, state: ParticleState) -> ParticleState:
     """What contact steps read of a state, with rows for the ghosts; these meet no wall, the first step fills them."""
 
@@ -52,14 +66,16 @@ def padded(ghosts: Ghosts, state: ParticleState) -> ParticleState:
     if bonds is not None:
         turned = jax.tree.map(wider, (bonds.orientation, bonds.orientation_low))
         bonds = bonds._replace(orientation=turned[0], orientation_low=turned[1])
-    low, liquid = state.position_low, state.liquid
+    low, liquid, lying = jax.tree.map(wider, (state.position_low, state.liquid, _lying(state)))
     return state._replace(
         position=wider(state.position),
-        position_low=None if low is None else wider(low),
-        liquid=None if liquid is None else wider(liquid),
+        position_low=low,
+        liquid=liquid,
         velocity=wider(state.velocity),
         angular_velocity=wider(state.angular_velocity),
-        wall_spring=tuple(wider(spring.T).T for spring in state.wall_spring),
+        orientation=lying[0],
+        orientation_low=lying[1],
+        wall_spring=tuple(_walls_of_all(ghosts, spring) for spring in state.wall_spring),
         contact_force=wider(state.contact_force),
         active=wider(required(state.active, "active of the particles")),
         bonds=bonds,
@@ -68,18 +84,21 @@ def padded(ghosts: Ghosts, state: ParticleState) -> ParticleState:
 
 def own_rows(ghosts: Ghosts, rows: ParticleState, before: ParticleState) -> ParticleState:
     """The state of a slab after contact steps; the inverse of `padded`."""
-    count, low, liquid, bonds = ghosts.rows, rows.position_low, rows.liquid, rows.bonds
+    count, bonds = ghosts.rows, rows.bonds
+    low, liquid, lying = jax.tree.map(lambda x: x[:count], (rows.position_low, rows.liquid, _lying(rows)))
     if bonds is not None:
         turned = jax.tree.map(lambda x: x[:count], (bonds.orientation, bonds.orientation_low))
         bonds = noted(bonds)._replace(orientation=turned[0], orientation_low=turned[1])
     return before._replace(
         position=rows.position[:count],
-        position_low=None if low is None else low[:count],
-        liquid=None if liquid is None else liquid[:count],
+        position_low=low,
+        liquid=liquid,
         velocity=rows.velocity[:count],
         angular_velocity=rows.angular_velocity[:count],
+        orientation=lying[0],
+        orientation_low=lying[1],
         contact_spring=rows.contact_spring,
-        wall_spring=tuple(spring[:, :count] for spring in rows.wall_spring),
+        wall_spring=tuple(_walls_of_own(ghosts, spring) for spring in rows.wall_spring),
         contact_force=rows.contact_force[:count],
         pistons=rows.pistons,
         mesh_memory=rows.mesh_memory,
@@ -88,15 +107,15 @@ def own_rows(ghosts: Ghosts, rows: ParticleState, before: ParticleState) -> Part
     )
 
 
+def _lying(state: ParticleState) -> tuple[Array | None, Low]:
+    """How clumps lie."""
+    return state.orientation, state.orientation_low
+
+
 def ghosts_beside(division: Division, ghosts: Ghosts, properties: ParticleProperties) -> ParticleProperties:
     """The properties with those of the ghosts, (n,) of (R,) or of another list's (n,); of equal particles unchanged."""
-    properties = properties._replace(identity=None)
-    leaves, tree = jax.tree.flatten(properties)
-    own = tuple(x for x in leaves if x.ndim)
-    if own:
-        filled = iter(with_ghosts(division.blocks, ghosts, own))
-        properties = jax.tree.unflatten(tree, [next(filled) if x.ndim else x for x in leaves])
-    return properties._replace(identity=ghosts.identity)
+    both = rows_beside(division.blocks, ghosts, properties._replace(identity=None))
+    return both._replace(identity=ghosts.identity)
 
 
 def seen_in_slab(
@@ -104,7 +123,7 @@ def seen_in_slab(
 ) -> tuple[ParticleProperties, ParticleState]:
     """Bodies and state (R,) of a slab with those of the ghosts behind them, (n,), as the pairs of the list need them.
 
-    Of a ghost position, velocity and spin are filled in; it is not active.
+    Of a ghost position, velocity, spin and how it lies are filled in; it is not active.
     """
     ghosts = required(neighbors.ghosts, "ghosts of a list")
     rows, bodies = padded(ghosts, state), ghosts_beside(division, ghosts, properties)
@@ -126,17 +145,24 @@ def refreshed(
     bonds = motion.bonds
     turned: Vector = () if bonds is None else bonds.orientation
     turned_low: Vector = () if bonds is None else tuple(x for x in bonds.orientation_low if x is not None)
-    parts = (motion.position, motion.velocity, motion.angular_velocity, expected, low, film, turned, turned_low)
+    lying_low = tuple(x for x in motion.orientation_low if x is not None)
+    parts = (
+        motion.position, motion.velocity, motion.angular_velocity, expected, low, film, turned, turned_low,
+        motion.orientation, lying_low,
+    )  # fmt: skip
     flat = tuple(x for part in parts for x in part)
     new, due = exchanged(division.blocks, ghosts, flat, slab.due)
     filled = iter([x.at[ghosts.rows :].set(values) for x, values in zip(flat, new, strict=True)])
-    position, velocity, spin, expected, low, film, *turning = (tuple(next(filled) for _ in part) for part in parts)
+    position, velocity, spin, expected, low, film, *turning, lying, lying_low = (
+        tuple(next(filled) for _ in part) for part in parts
+    )
     if film:
         motion = motion._replace(liquid=film[0])
     if bonds is not None:
         lows = turning[1] or bonds.orientation_low
         motion = motion._replace(bonds=bonds._replace(orientation=turning[0], orientation_low=lows))
     motion = motion._replace(position=position, velocity=velocity, angular_velocity=spin, low=low or motion.low)
+    motion = motion._replace(orientation=lying, orientation_low=lying_low or motion.orientation_low)
     return motion, expected, slab._replace(due=due)
 
 
@@ -163,7 +189,8 @@ def with_own_due(
 ) -> SlabCarry:
     """The carry with the step before which this slab needs another list, which its neighbours learn in the next step.
 
-    What is to come is bounded by the fastest particle: in the steps until all know of it, and the one after.
+    What is to come is bounded by the fastest particle, of clumps with the turn of each: in the steps until all know of
+    it, and the one after.
 
     Args:
         division, search, neighbors: of the slab.
@@ -175,14 +202,18 @@ def with_own_due(
     if search is None:
         return slab
     ghosts, (step, time_step) = required(neighbors.ghosts, "ghosts of a list"), now
-    displacement = lax.stop_gradient(displacement_since_build(motion.position, motion.low, neighbors))
+    motion = lax.stop_gradient(motion)
 
     def largest(vector: Vector) -> Array:
         squared = vectors.dot(vector, vector)[: ghosts.rows]
         return jnp.sqrt(jnp.max(jnp.where(ghosts.own, squared, 0.0), initial=0.0))
 
-    coming = (division.hops + 1) * time_step * largest(lax.stop_gradient(motion.velocity))
-    most = largest(displacement) + coming
+    coming = (division.hops + 1) * time_step
+    if neighbors.bodies is None:
+        moved = largest(displacement_since_build(motion.position, motion.low, neighbors))
+    else:
+        moved = largest((farthest_way(neighbors.bodies, motion, coming),))
+    most = moved + coming * largest(motion.velocity)
     if not isinstance(way, float):
         most = most + way
     needed = most > 0.5 * search.geometry.skin
@@ -203,14 +234,12 @@ def rebuilt(
     `placed` is where each mesh is then, None for one at rest; empty where all are.
     """
     ghosts = required(neighbors.ghosts, "ghosts of a list")
-    position = tuple(x[: ghosts.rows] for x in motion.position)
-    low = tuple(None if x is None else x[: ghosts.rows] for x in motion.low)
-    radius = slab.properties.radius
-    new = renewed_list(search, division, position, low, radius, neighbors, ghosts, placed)
+    standing = Standing.of(motion, Sizes.of(slab.properties), ghosts.rows)
+    new = renewed_list(search, division, standing, neighbors, ghosts, placed)
     bonds = None if motion.bonds is None else noted(motion.bonds)
     new, bonds = relisted(division.blocks, new, bonds)
     ghosts = required(new.ghosts, "ghosts of a list")
-    springs = of_pairs(history_of(motion.contact_spring, neighbors), ghosts.identity, new.pairs)
+    springs = of_pairs(history_of(motion.contact_spring, neighbors), ghosts, new.pairs)
     properties = ghosts_beside(division, ghosts, slab.properties)
     motion = motion._replace(contact_spring=springs, bonds=bonds)
     return new, motion, SlabCarry(jnp.full((), NEVER, jnp.int32), properties)

@@ -16,7 +16,6 @@ from jaxdem.numerics.blocks import any_of, total
 from jaxdem.numerics.placement import Placement
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.clump_forces import clump_forces, on_bodies, touching_motion
-from jaxdem.particles.clump_shape import Clumps
 from jaxdem.particles.clumps import kicked, normalised, turned
 from jaxdem.particles.contact_interval import ContactInterval
 from jaxdem.particles.contact_model import ContactModel
@@ -160,7 +159,7 @@ class Verlet:
         walls = jax.tree.map(jnp.add, carry.walls, sums.walls)
         motion, number = drift(motion, 0.5 * time_step), carry.step + 1
         if clumps is not None:
-            motion, energy = self._turned(motion, clumps, False, energy)
+            motion, energy = self._turned(motion, bodies, False, energy)
         crowded = jax.tree.map(jnp.logical_or, carry.crowded, sums.crowded)
         wear = jax.tree.map(jnp.add, carry.wear, sums.wear)
         carry = Carry(
@@ -190,10 +189,10 @@ class Verlet:
     ) -> tuple[tuple[Motion, Vector, SlabCarry | None], EnergyTally | None]:
         """Motion in the middle of the step, the velocity to expect there, and the slab with its ghosts there; and the
         balance of energy."""
-        motion, slab, clumps = drift(carry.motion, 0.5 * self.time_step), carry.slab, self.properties.clumps
+        motion, slab = drift(carry.motion, 0.5 * self.time_step), carry.slab
         bodies, energy = self.properties if slab is None else slab.properties, carry.energy
-        if clumps is not None:
-            motion, energy = self._turned(motion, clumps, True, energy)
+        if bodies.clumps is not None:
+            motion, energy = self._turned(motion, bodies, True, energy)
         acceleration = vectors.scale(1.0 / bodies.mass, vectors.add(carry.contact_force, self.force))
         expected = vectors.add_scaled(motion.velocity, 0.5 * self.time_step, acceleration)
         if self.interval.division is not None and slab is not None:
@@ -201,14 +200,16 @@ class Verlet:
         return (motion, expected, slab), energy
 
     def _turned(
-        self, motion: Motion, clumps: Clumps, forwards: bool, energy: EnergyTally | None
+        self, motion: Motion, bodies: ParticleProperties, forwards: bool, energy: EnergyTally | None
     ) -> tuple[Motion, EnergyTally | None]:
         """Clumps turned freely for half a step, and the energy that its error gives them."""
-        after = turned(motion, clumps, 0.5 * self.time_step, forwards)
+        after = turned(motion, bodies.rigid, 0.5 * self.time_step, forwards)
         if energy is None:
             return after, None
-        gained = jnp.sum(spin_energies(after, self.properties) - spin_energies(motion, self.properties))
-        return after, energy.with_parts(turning=gained)
+        gained = spin_energies(after, bodies) - spin_energies(motion, bodies)
+        if self.interval.division is not None and self.active is not None:
+            gained = jnp.where(self.active, gained, 0.0)  # ghosts belong to another slab
+        return after, energy.with_parts(turning=jnp.sum(gained))
 
     def _kicked(self, sums: Sums, motion: Motion, bodies: ParticleProperties) -> Motion:
         """The motion after the impulses of a step."""

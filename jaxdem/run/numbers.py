@@ -24,6 +24,7 @@ class LoopNumbers(NamedTuple):
         contact_steps: int32, their number in an interval.
         fluid_steps: int32, smallest number of fluid steps in an interval.
         cutoff, skin: of the neighbour list [m].
+        arm: of clumps, see `NeighborSearch`; None of spheres [m].
         courant_limit: Courant number at which a fluid step is cut [-].
         speed_limit: of particles, at which a run stops [m/s].
     """
@@ -36,6 +37,7 @@ class LoopNumbers(NamedTuple):
     skin: Array | None
     courant_limit: Array | None
     speed_limit: Array | None
+    arm: Array | None
 
 
 def loop_numbers(simulation: Simulation, dtype: DTypeLike) -> LoopNumbers:
@@ -58,6 +60,7 @@ def loop_numbers(simulation: Simulation, dtype: DTypeLike) -> LoopNumbers:
         None if listed is None else real(listed.skin),
         None if fluid is None else real(fluid.courant_limit),
         real(steps.speed_limit),
+        None if listed is None or simulation.search.members == 1 else real(simulation.search.arm),
     )
 
 
@@ -80,7 +83,8 @@ def with_numbers(simulation: Simulation, numbers: LoopNumbers) -> Simulation:
         if search is not None:
             reach: dict[str, Any] = {"cutoff": numbers.cutoff, "skin": numbers.skin}
             geometry = dataclasses.replace(search.geometry, cells=search.cells, **reach)
-            search = dataclasses.replace(search, geometry=geometry, typical_radius=0.0)
+            arm: Any = 0.0 if numbers.arm is None else numbers.arm
+            search = dataclasses.replace(search, geometry=geometry, typical_radius=0.0, arm=arm)
         changed["contact"] = dataclasses.replace(simulation.contact, search=search, steps=number)
     if simulation.fluid is not None:
         own: dict[str, Any] = {"substeps": numbers.fluid_steps, "courant_limit": numbers.courant_limit}

@@ -272,10 +272,14 @@ def _stored_slabs(case: Case, template: State, arrays: Arrays, number: int) -> t
             particles = particles._replace(bonds=blank_kept(particles.bonds, blank))
         plain = case.simulation.without_levels()
         lists = plain.list_shapes(case.parameters, template.particles, Room.of(room[3:])).without_surfaces()
-        parts: Any = {field.name: blank for field in dataclasses.fields(Ghosts) if field.name != "migrating"}
-        lists = dataclasses.replace(lists, ghosts=Ghosts(**parts, migrating=room[2]))
+        parts: Any = {field.name: blank for field in dataclasses.fields(Ghosts) if not field.metadata.get("static")}
+        ghosts = Ghosts(**parts, migrating=room[2], members=plain.search.members)
+        lists = dataclasses.replace(lists, ghosts=ghosts)
         state = state._replace(particles=particles._replace(active=blank, identity=blank))
         population = case.simulation.population
+        if particles.inserted is not None and particles.orientation is not None:
+            lying: Any = blank, None if particles.orientation_low is None else blank
+            state = state._replace(particles=state.particles._replace(coming=lying))
         if template.scalars is not None and template.scalars.grains is not None and population and population.inlets:
             coming: Any = blank
             state = state._replace(scalars=template.scalars._replace(coming=coming))

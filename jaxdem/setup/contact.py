@@ -117,7 +117,7 @@ def _search(particles: ParticleSetup) -> NeighborSearch:
     geometry = neighbor_geometry(particles)
     moving = tuple(mesh.moves for mesh in particles.meshes)
     levels = size_levels(geometry, particles.contact, particles.spheres.radius, particles.members)
-    return NeighborSearch(geometry, _typical_radius(particles), moving, particles.members, levels)
+    return NeighborSearch(geometry, _typical_radius(particles), moving, particles.members, levels, particles.arm)
 
 
 def _materials(particles: ParticleSetup, sides: int, surfaces: int) -> MaterialIndex | None:

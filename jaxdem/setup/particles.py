@@ -153,6 +153,11 @@ class ParticleSetup:
         return 1 if self.shapes is None else self.shapes.members(self.bodies.shape)
 
     @property
+    def arm(self) -> float:
+        """Farthest that the centre of a member of a clump is from that of its body, 0 of spheres [m]."""
+        return 0.0 if self.shapes is None else self.shapes.arm(self.bodies)
+
+    @property
     def contact_material(self) -> np.ndarray:
         """() or (m N,) material of every row of contacts."""
         material = self.bodies.material

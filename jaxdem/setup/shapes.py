@@ -182,6 +182,11 @@ class ShapeTable:
         found: np.ndarray = self.reach[bodies.shape] * bodies.radius
         return found
 
+    def arm(self, bodies: Bodies) -> float:
+        """Farthest that the centre of a sphere is from that of its body [m]."""
+        arms = np.asarray([np.linalg.norm(one.centres, axis=1).max() for one in self.templates])
+        return float(np.max(arms[bodies.shape] * bodies.radius))
+
     def members(self, shape: np.ndarray) -> int:
         """m, most spheres of a body."""
         return max(len(self.templates[number].radii) for number in np.unique(shape))
@@ -201,7 +206,8 @@ class ShapeTable:
     def spheres(self, bodies: Bodies) -> Bodies:
         """What touches: the members that there are, with the density and material of their bodies."""
         _, radius, _, there = self.padded(bodies.shape)
-        each = radius * np.atleast_1d(bodies.radius)[None]
+        count = np.broadcast(*(np.atleast_1d(column) for column in bodies)).size
+        each = np.broadcast_to(radius * np.atleast_1d(bodies.radius)[None], (len(radius), count))
         shown = np.full(each.shape, True) if there is None else np.broadcast_to(there, each.shape)
 
         def rows(column: np.ndarray) -> np.ndarray:

@@ -111,7 +111,8 @@ def _particles(arrays: Mapping[str, np.ndarray], count: int) -> dict[str, np.nda
             found[name] = values[0]
     listed = (stored(arrays, f"neighbors.{name}") for name in ("ghosts.identity", "pairs.first", "pairs.second"))
     springs = _components(arrays, SPRING)
-    kept = contacts_of_rows(tuple(arrays[name] for name in springs), identity.shape[1], *listed)
+    rows, own = next(listed), identity.shape[1]
+    kept = contacts_of_rows(tuple(arrays[name] for name in springs), np.arange(rows.shape[1]) < own, rows, *listed)
     found |= dict(zip(springs, kept.values, strict=True)) | _memory_of_meshes(arrays, identity, count)
     bonds = _bonds(arrays)
     if bonds is not None:

@@ -7,13 +7,13 @@ import pytest
 
 import jaxdem
 from jaxdem import devices
-from jaxdem.devices import particle_fields
 from jaxdem.devices.mesh import SAME, put
 from jaxdem.particles.integrate import Motion, ParticleState
 from jaxdem.particles.slab_steps import own_rows, padded
 from tests.cases.fluid_slabs import coupled_scene
 
 NUMBER = 2
+OF_CLUMPS = {"orientation", "orientation_low", "coming"}
 
 
 def marked(tree, draw):
@@ -64,12 +64,12 @@ def test_every_leaf_comes_back_unchanged(cut):
 
 
 def test_all_fields_are_in_some_scene(cut):
-    """Those that this scene does not have are refused, or said elsewhere to come back."""
+    """Those that this scene does not have are said elsewhere to come back."""
     particles = cut[2].particles
     empty = {name for name in ParticleState._fields if not jax.tree.leaves(getattr(particles, name))}
-    # tests/devices/test_random_scenes.py, test_meshes.py and test_bonds.py
+    # tests/devices/test_random_scenes.py, test_meshes.py, test_bonds.py and test_clumps.py
     elsewhere = {"active", "inserted", "identity", "mesh_memory", "mesh_wear", "bonds"}
-    assert empty == elsewhere | set(particle_fields.REFUSED)
+    assert empty == elsewhere | OF_CLUMPS
 
 
 def test_parameters_are_the_same_on_all_devices(cut):
@@ -91,7 +91,7 @@ def test_contact_steps_give_back_all_that_they_change(cut):
     for one, other in zip(jax.tree.leaves(own_rows(ghosts, wide, before)), jax.tree.leaves(before), strict=True):
         np.testing.assert_array_equal(one, other)
     there = {name for name in ParticleState._fields if jax.tree.leaves(getattr(before, name))}
-    not_there = set(Motion._fields) & set(ParticleState._fields) - there - set(particle_fields.REFUSED) - {"bonds"}
+    not_there = set(Motion._fields) & set(ParticleState._fields) - there - OF_CLUMPS - {"bonds"}
     others = {name: object() for name in not_there}
     moved = jax.tree.map(lambda x: x + 1, wide)._replace(**others)
     found = own_rows(ghosts, moved, before)
@@ -105,7 +105,7 @@ def test_contact_steps_give_back_all_that_they_change(cut):
         **others,
     )
     changed = {name for name in ParticleState._fields if getattr(marks.into(before), name) is not getattr(before, name)}
-    assert taken - {"contact_force", "pistons"} == changed - set(particle_fields.REFUSED)
+    assert taken - {"contact_force", "pistons"} == changed - OF_CLUMPS
     assert {"contact_force", "pistons"} <= taken
     for name in taken & there:
         for one, other in zip(

@@ -1,0 +1,249 @@
+"""Clumps in slabs against one device: motion, contacts of members, walls, who comes and goes, a fluid, gradients."""
+
+import shutil
+
+import jax
+import numpy as np
+import pytest
+
+import jaxdem
+from jaxdem import devices
+from jaxdem.check.check import check_scene
+from jaxdem.devices.contacts import contacts_of_list
+from jaxdem.particles import slab_steps
+from jaxdem.particles.energy import EnergyFlow
+from tests.cases.clumps import momenta
+from tests.cases.fluid_slabs import ALONG_X, coupled_scene
+from tests.cases.slabs import apart
+from tests.cases.surfaces import plane_mesh, saved
+from tests.devices.test_particles import PERIODIC, pair_of, run, touching
+
+PARTS = ("position", "velocity", "angular_velocity", "orientation", "contact_force")
+ROD = {"name": "rod", "centres": [[-0.7, 0.0], [0.7, 0.0]], "radii": [1.0, 0.8]}
+BENT = {"name": "bent", "centres": [[0.0, 0.0], [1.0, 0.0], [0.4, 0.8]], "radii": [1.0, 0.8, 0.7]}
+IN_SPACE = {"name": "bent", "centres": [[0.0, 0.0, 0.0], [1.1, 0.0, 0.0], [1.1, 0.8, 0.3]], "radii": [1.0, 0.8, 0.6]}
+
+
+def scene_of(count=(10, 4), apart=0.026, drift=(0.0, 0.0), seed=1, **changes):
+    """Rods, bent bodies and spheres that turn, on a lattice in 2-D."""
+    places = [apart * (0.5 + np.arange(n)) for n in count]
+    position = np.stack(np.meshgrid(*places, indexing="ij"), axis=-1).reshape(-1, 2)
+    draw, number = np.random.default_rng(seed), len(position)
+    tables = {
+        "precision": "float64",
+        "domain": {"size": [apart * n for n in count], "depth": 0.02, "gravity": [0.0, 0.0]},
+        "particles": {
+            "position": position.tolist(),
+            "radius": 0.008,
+            "density": 2500.0,
+            "velocity": (np.asarray(drift) + 0.2 * draw.normal(size=position.shape)).tolist(),
+            "angular_velocity": draw.normal(0.0, 10.0, number).tolist(),
+            "shapes": [ROD, BENT],
+            "species": [{"share": 0.4, "shape": "rod"}, {"share": 0.4, "shape": "bent"}, {"share": 0.2}],
+        },
+        "contact": {
+            "young_modulus": 2e6, "friction": 0.4, "restitution": 0.6, "speed": 1.5, "skin": 0.2,
+            "maximum_overlap": 0.3, "rolling_friction": 0.1, "rolling_model": "epsd",
+        },
+        "boundary": PERIODIC,
+        "time": {"end": 0.1, "output_interval": 0.005},
+    }  # fmt: skip
+    for key, value in changes.items():
+        if isinstance(value, dict):
+            value = {name: one for name, one in {**tables.get(key, {}), **value}.items() if one is not None}
+        tables[key] = value
+    return jaxdem.load_scene(tables)
+
+
+def require_same(state, neighbors, whole, contacts, tolerance=1e-10):
+    """The same motion, and contacts that keep the same."""
+    there = np.ones(len(whole.position), bool) if state.active is None else np.asarray(state.active)
+    for name in PARTS:
+        one, other = (np.asarray(getattr(s, name))[there] for s in (state, whole))
+        assert apart(one, other) < tolerance, name
+    for one, other in zip(state.wall_spring, whole.wall_spring, strict=True):
+        rows = np.tile(there, one.shape[1] // len(there))
+        assert apart(np.asarray(one)[:, rows], np.asarray(other)[:, rows]) < tolerance
+    own = contacts_of_list(state.contact_spring, jax.device_get(neighbors), state.mesh_memory)
+    assert touching(own) == touching(contacts)
+    in_order = [c.values[:, np.lexsort((c.second, c.first))] for c in (own, contacts)]
+    assert apart(*in_order) < tolerance
+    for one, other in zip(jax.tree.leaves(own.meshes), jax.tree.leaves(contacts.meshes), strict=True):
+        assert apart(one, other) < tolerance
+    return own
+
+
+@pytest.mark.parametrize("number", [2, 4])
+def test_a_pack_drifts_over_all_borders(number):
+    """Bodies of three shapes collide, turn and roll, and go by most of the box along both periodic axes."""
+    simulation, divided, parameters, one, slabs = pair_of(scene_of(drift=(2.4, 1.0)), number)
+    start = one[0].particles
+    state, neighbors, _ = run(simulation, parameters, *one, 18)
+    many, lists, _ = run(divided, parameters, *slabs, 18)
+    whole, contacts = devices.gathered(divided, many, lists)
+    own = require_same(state.particles, neighbors, whole.particles, contacts)
+    assert len(touching(own)) > 0
+    count = len(start.position)
+    assert any((own.first // count > 0) | (own.second // count > 0)), "members after the first touch too"
+    figures = devices.counts(lists)
+    assert figures.particles.sum() == count and figures.migrations > 4
+    moved = np.asarray(whole.particles.position - start.position)
+    assert np.all(moved.mean(axis=0) > 0.8 * np.asarray(simulation.box))
+    energies = [momenta(parameters.bodies, p) for p in (start, state.particles, whole.particles)]
+    mass = np.broadcast_to(np.asarray(parameters.bodies.mass), count)[:, None]
+    scale = np.sum(mass * np.abs(np.asarray(start.velocity)))
+    assert np.abs(energies[2][1] - energies[0][1]).max() < 1e-13 * scale, "momentum is kept"
+    assert abs(energies[2][0] / energies[1][0] - 1.0) < 1e-12
+    assert energies[1][0] < 0.999 * energies[0][0], "collisions take energy"
+
+
+def rods(**changes):
+    """Four rods in pairs across the planes of two slabs, which meet by their ends as they turn."""
+    particles = {
+        "position": [[0.118, 0.03], [0.142, 0.031], [0.016, 0.07], [0.244, 0.071]],
+        "velocity": [[0.3, 0.0], [-0.3, 0.05], [-0.3, 0.0], [0.3, 0.02]],
+        "orientation": [0.9, 2.0, 0.5, 2.5],
+        "angular_velocity": [40.0, -30.0, 25.0, 45.0],
+        "radius": 0.0085,
+        "species": None,
+        "shape": "rod",
+    }
+    return scene_of(particles=particles, **changes)
+
+
+def test_ghosts_tell_how_they_lie(monkeypatch):
+    """Without the angles that the neighbours send, contacts across borders are others."""
+    simulation, divided, parameters, one, slabs = pair_of(rods(), 2)
+    state, neighbors, report = run(simulation, parameters, *one, 8)
+    many, lists, _ = run(divided, parameters, *slabs, 8)
+    require_same(state.particles, neighbors, *_parts(devices.gathered(divided, many, lists)))
+    assert np.all(np.asarray(state.particles.angular_velocity) != np.asarray(one[0].particles.angular_velocity))
+
+    def silent(division, neighbors, motion, *rest):
+        new, *others = slab_steps.refreshed(division, neighbors, motion, *rest)
+        return new._replace(orientation=motion.orientation), *others
+
+    monkeypatch.setattr("jaxdem.particles.verlet.refreshed", silent)
+    step = jax.jit(lambda p, s, n: divided.step(p, s, n))
+    for _ in range(8):
+        slabs = step(parameters, *slabs)[:2]
+    without, _ = devices.gathered(divided, *slabs)
+    assert apart(state.particles.angular_velocity, without.particles.angular_velocity) > 1e-3
+
+
+def _parts(gathered):
+    whole, contacts = gathered
+    return whole.particles, contacts
+
+
+def test_walls_a_mesh_and_materials_in_space(tmp_path):
+    """Bent bodies of two materials slide, roll and spin in a box, over a wavy sheet of triangles and over the border;
+    with the balance of energy."""
+    number = np.arange(12)
+    place = np.column_stack([0.03 + 0.028 * (number // 2), 0.026 + 0.03 * (number % 2), 0.039 + 0.001 * (number % 3)])
+    draw, waves = np.random.default_rng(4), plane_mesh(10, -0.02, 0.22, warp=0.3)
+    waves.vertices[:, 2] = 0.02 + 0.003 * np.sin(60.0 * waves.vertices[:, 0]) * np.cos(50.0 * waves.vertices[:, 1])
+    scene = scene_of(
+        domain={"size": [0.2, 0.084, 0.1], "depth": None, "gravity": [0.0, 0.0, -9.81]},
+        boundary=dict.fromkeys(PERIODIC),
+        walls=[{"kind": "mesh", "file": saved(waves, tmp_path / "waves.ply")}],
+        particles={
+            "position": place.tolist(), "radius": 0.0085, "shapes": [IN_SPACE], "shape": "bent", "species": None,
+            "velocity": (np.array([1.2, 0.0, -0.4]) + 0.1 * draw.normal(size=place.shape)).tolist(),
+            "angular_velocity": (20.0 * draw.normal(size=place.shape)).tolist(),
+            "material": ["slick"] * 6 + ["rough"] * 6,
+        },
+        contact={"friction": None, "rolling_friction": 0.05, "wall_material": "rough"},
+        materials=[{"name": "slick", "friction": 0.0}, {"name": "rough", "friction": 0.6}],
+        output={"energy": True},
+    )  # fmt: skip
+    simulation, divided, parameters, one, slabs = pair_of(scene, 2)
+    flows = [], []
+    for kept, which, (state, lists) in zip(flows, (simulation, divided), (one, slabs), strict=True):
+        step = jax.jit(which.step)
+        for _ in range(12):
+            state, lists, report = step(parameters, state, lists)
+            kept.append(report.particles.energy)
+        if which is simulation:
+            alone = state, lists
+    assert devices.counts(lists).migrations > 0
+    whole, contacts = devices.gathered(divided, state, lists)
+    require_same(alone[0].particles, alone[1], whole.particles, contacts)
+    sums = [{f: sum(float(getattr(flow, f)) for flow in kept) for f in EnergyFlow._fields} for kept in flows]
+    scale = max(abs(value) for value in sums[0].values())
+    assert sums[0]["damping"] != 0.0 and sums[0]["turning"] != 0.0
+    for name, value in sums[0].items():
+        assert abs(sums[1][name] - value) < 1e-11 * scale, name
+
+
+def test_clumps_come_and_go():
+    """Bodies come in anywhere in the box, turned each in its own way, and leave through a side."""
+    inlet = {"start": [0.02, 0.02], "stop": [0.24, 0.084], "rate": 400.0, "velocity": [0.9, 0.1]}
+    scene = scene_of(
+        particles={"position": None, "velocity": None, "angular_velocity": None, "radius": 0.0075, "inlet": [inlet]},
+        boundary={"left": None, "right": {"particles": "remove"}},
+        time={"end": 0.1},
+    )
+    simulation, divided, parameters, one, slabs = pair_of(scene, 2)
+    state, neighbors, report = run(simulation, parameters, *one, 20)
+    many, lists, same = run(divided, parameters, *slabs, 20)
+    whole, contacts = devices.gathered(divided, many, lists)
+    alone, parts = state.particles, whole.particles
+    np.testing.assert_array_equal(parts.active, alone.active)
+    np.testing.assert_array_equal(parts.inserted, alone.inserted)
+    assert 4 < int(alone.active.sum()) < int(alone.inserted[0])
+    assert int(report.particles.waiting) == int(same.particles.waiting)
+    require_same(alone, neighbors, parts, contacts)
+    # Those that are still to come lie as they will come in, for a run that goes on elsewhere.
+    coming = np.arange(len(parts.active)) >= int(parts.inserted[0])
+    np.testing.assert_array_equal(parts.orientation[coming], one[0].particles.orientation[coming])
+
+
+def in_a_fluid():
+    """Rods and bent bodies in a stream, whose drag feels their shape."""
+    tables = coupled_scene(2, ALONG_X, drag="haider_levenspiel")
+    count = len(tables["particles"]["position"])
+    tables["particles"] |= {
+        "radius": 0.008, "shapes": [ROD, BENT],
+        "species": [{"share": 0.5, "shape": "rod"}, {"share": 0.5, "shape": "bent"}],
+        "angular_velocity": np.random.default_rng(2).normal(0.0, 5.0, count).tolist(),
+        "velocity": np.column_stack([np.full(count, 0.1), 0.6 * (-1.0) ** np.arange(count)]).tolist(),
+    }  # fmt: skip
+    tables["contact"] |= {"skin": 0.2}
+    tables["time"] = {"end": 0.04, "output_interval": 0.01}
+    return tables
+
+
+def test_bodies_in_a_stream_are_resumed_on_other_numbers_of_devices(tmp_path):
+    """Bit for bit on as many, to rounding on one; and the same as on one device from the start."""
+    tables = in_a_fluid()
+    whole = jaxdem.load_scene(tables)
+    half = jaxdem.load_scene(tables | {"time": {"end": 0.02, "output_interval": 0.01}})
+    one = jaxdem.simulate(whole, tmp_path / "one")
+    two = jaxdem.simulate(whole, tmp_path / "two", devices=2)
+    jaxdem.simulate(half, tmp_path / "again", devices=2)
+    shutil.copytree(tmp_path / "again", tmp_path / "alone")
+    again = jaxdem.simulate(whole, tmp_path / "again", devices=2, resume=True)
+    alone = jaxdem.simulate(whole, tmp_path / "alone", resume=True)
+    assert two.summary["devices"]["migrations"] > 0
+    for kind in ("particles", "spheres", "fluid"):
+        expected, first, *others = (getattr(run_, kind)(-1) for run_ in (one, two, alone, again))
+        for name in expected:
+            np.testing.assert_array_equal(others[1][name], first[name], err_msg=name)
+            for found in (first, others[0]):
+                assert apart(expected[name], found[name]) < 1e-10, f"{kind}: {name}"
+
+
+def test_figures_before_a_run():
+    """Ghosts reach farther by two arms, and how they lie is sent."""
+    tables = scene_of().tables()
+    scene = jaxdem.load_scene(tables)
+    simulation, _ = jaxdem.build(scene)
+    report = check_scene(scene, devices=2).devices
+    search = simulation.search
+    assert search.body_reach == pytest.approx(search.reach + 2.0 * search.arm)
+    along = np.asarray(tables["particles"]["position"])[:, 0]
+    length = simulation.box[0]
+    ends = np.abs(along[:, None] - np.array([0.0, 0.5, 1.0]) * length) < search.body_reach
+    assert sum(report.ghosts) == int(ends.sum())
+    assert report.sent[0] % (8 * 2) == 8 and (report.sent[0] - 8) // 16 % 8 == 0, "eight numbers of each ghost in 2-D"
