@@ -269,6 +269,7 @@ DROPS = [{"side": "top", "rate": 10.0, "velocity": 0.1}]
             "holds no particle",
         ),
         ("output", {"samples": 0.2}, "output.samples", "ends at 0.1 s"),
+        ("output", {"walls": True}, "output.walls", "no [[walls]]"),
     ],
 )  # fmt: skip
 def test_nothing_that_comes_in_or_is_given_is_lost(section, tables, key, words):
@@ -280,6 +281,12 @@ def test_nothing_that_comes_in_or_is_given_is_lost(section, tables, key, words):
         loaded = load_scene(scene)
         samples_every(loaded, build(loaded)[0])
     assert caught.value.key == key and caught.value.remedy
+
+
+def test_an_energy_of_no_particles_is_refused():
+    tables = {name: table for name, table in VALID.items() if name not in ("particles", "contact", "coupling")}
+    load_scene(tables)
+    assert refusal(tables | {"output": {"energy": True}}).key == "output.energy"
 
 
 def test_what_one_inlet_lets_in_another_may_draw_off():

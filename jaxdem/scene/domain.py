@@ -176,3 +176,17 @@ class Output(Section):
     checkpoint_interval: NonNegative = 60.0
     energy: bool = False
     walls: bool = False
+
+
+def check_output(output: Output, has_particles: bool, has_walls: bool) -> None:
+    """Refuses output of what a scene has not.
+
+    Raises:
+        InputError: naming the key.
+    """
+    if output.energy and not has_particles:
+        limit = "is the balance of energy of particles, and the scene has none"
+        raise InputError("output.energy", True, limit, "remove this key, or add [particles]")
+    if output.walls and not has_walls:
+        limit = "the scene has no [[walls]]; a side of the box needs a probe of kind wall"
+        raise InputError("output.walls", True, limit, "remove this key, or add [[probes]]")

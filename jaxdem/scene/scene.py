@@ -16,7 +16,7 @@ from jaxdem.scene.boundary import BoundarySide, completed_boundary
 from jaxdem.scene.cohesion import check_strengths, check_together
 from jaxdem.scene.contact import Contact
 from jaxdem.scene.coupling import Closure, Coupling, check_on_mesh, coupling_without_fluid
-from jaxdem.scene.domain import SIDES, Box, Domain, Output, Time
+from jaxdem.scene.domain import SIDES, Box, Domain, Output, Time, check_output
 from jaxdem.scene.drive import check_drive, check_own_gravity
 from jaxdem.scene.fluid import Fluid
 from jaxdem.scene.fluid_walls import check_fluid_walls
@@ -187,6 +187,7 @@ def completed(scene: Scene) -> Scene:
         if side.kind == "inlet" and scene.fluid is None:
             limit = "is an inlet of fluid, and the scene has no fluid"
             raise InputError(f"boundary.{name}.kind", "inlet", limit, 'add [fluid], or set kind = "no_slip"')
+    check_output(found.output, found.particles is not None, bool(found.walls))
     _check_gaps(found)
     _check_bonds(found)
     if found.particles is not None:
