@@ -65,9 +65,12 @@ def advance_scalars(
     duration = jnp.asarray(simulation.interval, parameters.gravity.dtype)
     stream = None
     if simulation.fluid is not None and flow.fluid is not None and report is not None:
-        solver = simulation.fluid.solver
+        solver, fluid = simulation.fluid.solver, required(state.fluid, "state.fluid")
+        if found.capacity is not None:
+            pistons = None if state.particles is None else state.particles.pistons
+            parameters, _ = simulation.with_moved_walls(parameters, fluid, state.step, pistons)
         stream = FluidFlow(
-            solver.grid, solver.boundary, parameters.flow, required(state.fluid, "state.fluid"), flow.fluid,
+            solver.grid, solver.boundary, parameters.flow, fluid, flow.fluid,
             report.flux, report.substeps, simulation.fluid.reversible, report.heat,
         )  # fmt: skip
         found = scalars.carried(numbers, found, stream, duration)

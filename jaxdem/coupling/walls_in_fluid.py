@@ -176,6 +176,8 @@ class WallsInFluid:
         cut = self.with_velocities(self.cut(still, now), now, numbers, end, means)
         if self.pistons:
             cut = cut._replace(unit_swept=tuple(self._unit_swept(still, cut, now, means, p) for p in self.pistons))
+        xp = namespace(now[0])
+        cut = cut._replace(distance=xp.min(xp.stack([on_corners(self.grid, d) for d in now]), axis=0))
         return cut, self._swept(still, cut, now, means)
 
     def _unit_swept(

@@ -56,6 +56,7 @@ class CutCells(NamedTuple):
             particles [-].
         swept: rate at which surfaces that change their place open the cells, over the volume of a whole cell, with the
             part of it that is fluid; None where all keep their place [1/s].
+        distance: from the nearest surface at the corners, where surfaces change their place; None elsewhere [m].
         unit_swept: of every piston, see `coupling.pistons_in_fluid`, `swept` at a speed of 1 m/s alone; None without
             pistons [1/m].
         renewed: () bool, a surface has come or vanished since the last interval; None where none does in the run.
@@ -71,6 +72,7 @@ class CutCells(NamedTuple):
     spin: Array | None = None
     deposit_weights: Array | None = None
     swept: Array | None = None
+    distance: Array | None = None
     unit_swept: tuple[Array, ...] | None = None
     renewed: Array | None = None
 

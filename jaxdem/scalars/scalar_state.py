@@ -101,9 +101,11 @@ class ScalarState(NamedTuple):
         supplied: since the start.
         coming: on several devices, where grains come in through inlets, (N,) temperature of those to come, by identity;
             None elsewhere: there it stands in their rows [K].
+        capacity: W of the cells, where surfaces change their place; None elsewhere [-].
     """
 
     fields: tuple[Array, ...]
     grains: Array | None
     supplied: Supplied
     coming: Array | None = None
+    capacity: Array | None = None

@@ -22,6 +22,7 @@ from jaxdem.particles.neighbors import Neighbors
 from jaxdem.scalars.conduction import Conductances, Conduction, conducted
 from jaxdem.scalars.exchange import exchanged
 from jaxdem.scalars.in_cells import between_surfaces, conducting, fluid_share
+from jaxdem.scalars.moving_cells import Change, held_by_cells
 from jaxdem.scalars.nusselt import NusseltLaw
 from jaxdem.scalars.phases import Phases, heat_of_phases
 from jaxdem.scalars.scalar_state import ScalarParameters, ScalarState
@@ -109,22 +110,24 @@ class Scalars:
             return self._carried_by_phases(parameters, state, flow, flow.heat, duration)
         before = _or_one(flow.before.void_fraction)
         after = _or_one(flow.after.void_fraction)
-        on_faces = face_average(flow.grid, after)
+        on_faces, flux = face_average(flow.grid, after), required(flow.flux, "flux of the fluid")
+        change = Change(flow.properties.cut, flux, before, after, duration)
+        held = held_by_cells(flow.grid, parameters.walls, state, change)
         fields, passed = [], []
-        for number, (field, value) in enumerate(zip(self.fields, state.fields, strict=True)):
+        for number, (field, value) in enumerate(zip(self.fields, held.fields, strict=True)):
             numbers, share, capacity = parameters.fields[number], on_faces, None
             if number == self.temperature and self.heat is not None:
                 capacity = flow.properties.density * required(parameters.fluid, "heat of the fluid").capacity
                 numbers = numbers._replace(diffusivity=numbers.diffusivity / capacity, flux=numbers.flux / capacity)
                 share = tuple(conducting(self.heat.bed, g) for g in on_faces)
-            stream = Stream(required(flow.flux, "flux of the fluid"), before, after, share)
-            if parameters.walls is not None:
-                through = parameters.walls.flux[number]
-                on_surfaces = parameters.walls.value[number], through if capacity is None else through / capacity
+            stream = Stream(flux, held.before, held.after, share)
+            if held.walls is not None:
+                through = held.walls.flux[number]
+                on_surfaces = held.walls.value[number], through if capacity is None else through / capacity
                 cut = required(flow.properties.cut, "surfaces in the fluid")
                 of_cells = after if self.heat is None or capacity is None else conducting(self.heat.bed, after)
                 given = numbers.diffusivity, of_cells, *on_surfaces
-                stream = between_surfaces(stream, parameters.walls, cut, field.surfaces, given)
+                stream = between_surfaces(stream, held.walls, cut, field.surfaces, given)
             transport = ScalarTransport(flow.grid, flow.boundary, field, numbers, stream)
             found, through = transport.advance(value, duration, flow.steps, flow.reversible)
             fields.append(found)
@@ -132,7 +135,7 @@ class Scalars:
         supplied = state.supplied
         if passed:
             supplied = supplied._replace(sides=supplied.sides + jnp.stack(passed))
-        return state._replace(fields=tuple(fields), supplied=supplied)
+        return state._replace(fields=tuple(fields), supplied=supplied, capacity=held.capacity)
 
     def of_phases(self, parameters: ScalarParameters, properties: FluidProperties) -> HeatOfPhases:
         """What two fluids need to carry their heat."""
@@ -163,7 +166,7 @@ class Scalars:
         if heat is None or heat.exchange is None or state.grains is None or place is None:
             return state
         of_grains = required(of_grains, "heat of the grains")
-        inputs, medium = grains.inputs, _medium(parameters, flow, grains, place)
+        inputs, medium = grains.inputs, _medium(parameters, flow, grains, place, state.capacity)
         nusselt = heat.exchange(inputs.reynolds, medium.prandtl, 1.0 - inputs.solid_fraction)
         conductance = nusselt * medium.conductivity * jnp.pi * inputs.diameter
         if bodies.clumps is not None:  # h of the sphere of the same volume, over the surface of the body
@@ -264,7 +267,9 @@ class _Medium(NamedTuple):
     of_cells: Array
 
 
-def _medium(parameters: ScalarParameters, flow: FluidFlow, grains: GrainsInFluid, place: int) -> _Medium:
+def _medium(
+    parameters: ScalarParameters, flow: FluidFlow, grains: GrainsInFluid, place: int, capacity: Array | None
+) -> _Medium:
     """See `_Medium`; of two fluids what is at each grain."""
     if flow.heat is not None:
         phases = _phases(parameters, flow)
@@ -275,6 +280,8 @@ def _medium(parameters: ScalarParameters, flow: FluidFlow, grains: GrainsInFluid
     conductivity = parameters.fields[place].diffusivity
     prandtl = flow.properties.viscosity * density * own.capacity / conductivity
     volumes = fluid_share(parameters.walls, flow.properties.cut, _or_one(flow.after.void_fraction))
+    if capacity is not None:
+        volumes = jnp.where(capacity > 0.0, capacity, 1.0)
     return _Medium(conductivity, prandtl, jnp.asarray(density * own.capacity * flow.grid.cell_volume * volumes))
 
 

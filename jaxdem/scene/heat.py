@@ -11,7 +11,6 @@ from pydantic import Field
 from jaxdem.errors import InputError
 from jaxdem.scene.base import Finite, NonNegative, Positive, Section
 from jaxdem.scene.boundary import BoundarySide
-from jaxdem.scene.fluid_walls import keeps_place
 from jaxdem.scene.inlets import ParticleInlet
 from jaxdem.scene.particles import Particles
 from jaxdem.scene.walls import Wall
@@ -143,11 +142,12 @@ def _check_wall(key: str, wall: Wall, heat: Heat | None, carries: bool) -> None:
     if wall.temperature is not None and not wall.seen_by_fluid and not _conducts(heat):
         limit = "walls that the fluid does not see heat grains by contact alone, and contacts conduct nothing"
         raise InputError(f"{key}.temperature", wall.temperature, limit, "set heat.particle_conductivity, or remove it")
-    comes_or_goes = wall.begin is not None or wall.end is not None
-    if carries and wall.seen_by_fluid and (comes_or_goes or (wall.moves and not keeps_place(wall))):
-        limit = "changes its place, and the cells that it opens and closes have no rule for temperatures and scalars"
-        remedy = 'let it move along itself, set fluid = "none", or remove [heat] and [[scalars]]'
-        raise InputError(f"{key}.motion", f"{len(wall.motion or ())} tables", limit, remedy)
+    given = {name: getattr(wall, name) for name in ("begin", "end") if getattr(wall, name) is not None}
+    for name, value in given.items():
+        if carries and wall.seen_by_fluid:
+            limit = "the fluid that comes and goes with a wall has no temperature and no scalars of its own"
+            remedy = 'move the wall by walls.motion, set fluid = "none", or remove [heat] and [[scalars]]'
+            raise InputError(f"{key}.{name}", value, limit, remedy)
 
 
 def _conducts(heat: Heat | None) -> bool:

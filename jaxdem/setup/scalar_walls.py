@@ -5,21 +5,21 @@ from __future__ import annotations
 import dataclasses
 import math
 
+import jax
 import numpy as np
 
-from jaxdem.coupling.open_parts import corner_points, mean_of_corners, on_corners
+from jaxdem.coupling.open_parts import corner_points, on_corners
 from jaxdem.errors import required
 from jaxdem.fluid.cut_cells import CutCells
-from jaxdem.fluid.cut_friction import exchange_of_cells
 from jaxdem.fluid.cut_scalar import ScalarWalls
 from jaxdem.fluid.grid import Grid, along
 from jaxdem.fluid.scalar_transport import SideKind
 from jaxdem.numerics.host import on_device
+from jaxdem.scalars.moving_cells import LEAST, exchange_and_area
 from jaxdem.scalars.scalars import TEMPERATURE
 from jaxdem.scene import Scene
 from jaxdem.scene.walls import Wall
 from jaxdem.setup.fluid_walls import FluidWalls
-from jaxdem.solids.clipping import positive_part
 from jaxdem.state import Parameters
 
 LENT, LENT_AMONG_GRAINS = 0.5, 0.15
@@ -73,7 +73,10 @@ def surfaces_of_scalars(scene: Scene, grid: Grid, seen: FluidWalls) -> SurfacesO
     nearest = on_corners(grid, seen.distance(corner_points(grid)))  # type: ignore[arg-type]
     most = LENT if scene.particles is None else LENT_AMONG_GRAINS
     walls = tuple(scene.walls[number] for number in seen.walls)
-    return SurfacesOfScalars(walls, *scalar_geometry(grid, seen.cut, np.asarray(nearest), most))
+    lent, exchange, area, smallest = scalar_geometry(grid, seen.cut, np.asarray(nearest), most)
+    if seen.moving is not None and seen.moving.change_place:
+        smallest = min(smallest, LEAST)
+    return SurfacesOfScalars(walls, lent, exchange, area, smallest)
 
 
 def scalar_geometry(
@@ -87,25 +90,10 @@ def scalar_geometry(
         distance: from the nearest surface at the corners (n + 1, m + 1, ...) [m].
         most: part of its capacity that a cell lends.
     """
-    open_cells, axes = np.asarray(cut.open_cells), tuple(range(grid.dimension))
-    faces = tuple(np.asarray(a) for a in cut.open_faces)
-    integral = np.asarray(positive_part(distance, axes).integral)  # type: ignore[arg-type]
-    there = open_cells > 0.0
-    mean = np.where(there, integral / np.where(there, open_cells, 1.0), 0.0)
-    whole = mean_of_corners(distance, axes)  # type: ignore[arg-type]
-    exchange = np.asarray(exchange_of_cells(grid, faces, open_cells, mean, whole))  # type: ignore[arg-type]
-    lent, smallest = lent_capacity(grid, faces, open_cells, most)
-    return lent, exchange, surface_density(grid, faces, open_cells), smallest
-
-
-def surface_density(grid: Grid, faces: tuple[np.ndarray, ...], open_cells: np.ndarray) -> np.ndarray:
-    """Area of the surface in every cell over the volume of a whole one [1/m], by what its faces leave open: their sum,
-    taken as vectors, is zero with that of the surface."""
-    parts = [
-        (np.asarray(along(a, axis, 1, None)) - np.asarray(along(a, axis, None, -1))) / grid.spacing[axis]  # type: ignore[arg-type]
-        for axis, a in enumerate(faces)
-    ]
-    return np.where(open_cells > 0.0, np.sqrt(sum(part**2 for part in parts)), 0.0)
+    cut = jax.tree.map(np.asarray, cut)
+    exchange, area = map(np.asarray, exchange_and_area(grid, cut, distance))  # type: ignore[arg-type]
+    lent, smallest = lent_capacity(grid, cut.open_faces, np.asarray(cut.open_cells), most)  # type: ignore[arg-type]
+    return lent, exchange, area, smallest
 
 
 def lent_capacity(

@@ -177,7 +177,19 @@ def first_scalars(
     places = 2 * scene.dimension + (len(scalars.fields[0].surfaces) if fields else 0)
     friction = zero if scene.heat is not None and scene.heat.friction else None
     supplied = Supplied(on_device(np.zeros((len(fields), places)), dtype), zero, zero, friction)
-    return ScalarState(tuple(fields), None if grains is None else on_device(grains, dtype), supplied)
+    warm = None if grains is None else on_device(grains, dtype)
+    return ScalarState(tuple(fields), warm, supplied, capacity=_first_capacity(simulation, parameters, fluid))
+
+
+def _first_capacity(simulation: Simulation, parameters: Parameters, fluid: FluidState | None) -> Array | None:
+    """Of the cells of the fluid, where surfaces within its mesh change their place; None elsewhere [-]."""
+    moving, own = simulation.walls_in_fluid, required(parameters.scalars, "scalars")
+    if fluid is None or own.walls is None or moving is None or not moving.change_place:
+        return None
+    cut = required(parameters.flow.cut, "cut cells")
+    open_cells, lent = np.asarray(cut.open_cells), np.asarray(own.walls.lent)
+    void_fraction = 1.0 if fluid.void_fraction is None else np.asarray(fluid.void_fraction)
+    return on_device(np.where(open_cells > 0.0, open_cells * void_fraction + lent, 0.0), open_cells.dtype)
 
 
 def _diffusivities(scene: Scene) -> list[tuple[str, float]]:

@@ -194,7 +194,6 @@ def test_a_hot_cylinder_warms_the_stream_and_the_balance_closes(tmp_path):
 @pytest.mark.parametrize(
     ("wall", "key"),
     [
-        ({"motion": [{"kind": "translation", "velocity": [0.0, 0.01]}]}, "walls.0.motion"),
         ({"temperature": 350.0, "heat_flux": 3.0}, "walls.0.heat_flux"),
         ({"fluid": "none", "heat_flux": 3.0}, "walls.0.heat_flux"),
         ({"fluid": "none", "temperature": 350.0}, "walls.0.temperature"),

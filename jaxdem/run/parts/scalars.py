@@ -38,6 +38,8 @@ class Temperatures(Part):
         cut = None if case.parameters.fluid is None else case.parameters.fluid.cut
         if cut is not None:
             share = np.asarray(cut.open_cells) * (1.0 if share is None else share)
+        if instant.state.scalars is not None and instant.state.scalars.capacity is not None:
+            share = np.asarray(instant.state.scalars.capacity)
         for name, values in arrays.get("fluid", {}).items():
             column = "fluid_temperature_mean" if name == "temperature" else f"scalar_{name}_mean"
             weights = None if share is None else share.astype(float)
@@ -125,6 +127,8 @@ def _heat(state: State, case: Case) -> tuple[float, float]:
         if cut is not None:
             volumes = fluid_share(required(case.parameters.scalars, "scalars").walls, cut, share)  # type: ignore[arg-type]
             share = np.where(np.asarray(cut.open_cells) > 0.0, np.asarray(volumes, float), 0.0)
+        if found.capacity is not None:
+            share = np.asarray(found.capacity, float)
         volume = required(case.simulation.fluid, "fluid").solver.grid.cell_volume
         values = np.asarray(found.fields[scalars.temperature], float)
         fraction = state.fluid.liquid_fraction
