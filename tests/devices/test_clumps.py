@@ -3,6 +3,7 @@
 import shutil
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -111,13 +112,27 @@ def rods(**changes):
     return scene_of(particles=particles, **changes)
 
 
+HEAT = {
+    "particle_heat_capacity": 500.0, "particle_temperature": 20.0, "particle_conductivity": 1e4,
+    "true_young_modulus": 2e6, "friction": True,
+}  # fmt: skip
+
+
 def test_ghosts_tell_how_they_lie(monkeypatch):
-    """Without the angles that the neighbours send, contacts across borders are others."""
-    simulation, divided, parameters, one, slabs = pair_of(rods(), 2)
-    state, neighbors, report = run(simulation, parameters, *one, 8)
-    many, lists, _ = run(divided, parameters, *slabs, 8)
-    require_same(state.particles, neighbors, *_parts(devices.gathered(divided, many, lists)))
+    """Rods collide, rub and conduct heat across the borders. Without the angles that the neighbours send, all is
+    different."""
+    simulation, divided, parameters, one, _ = pair_of(rods(heat=HEAT, coupling={"interval": 1e-3}), 2)
+    warm = one[0].scalars._replace(grains=jnp.asarray([20.0, 80.0, 40.0, 10.0]))
+    one = one[0]._replace(scalars=warm), one[1]
+    slabs = devices.distributed(divided, parameters, *one)
+    state, neighbors, report = run(simulation, parameters, *one, 40)
+    many, lists, _ = run(divided, parameters, *slabs, 40)
+    whole, contacts = devices.gathered(divided, many, lists)
+    require_same(state.particles, neighbors, whole.particles, contacts)
     assert np.all(np.asarray(state.particles.angular_velocity) != np.asarray(one[0].particles.angular_velocity))
+    assert apart(state.scalars.grains, whole.scalars.grains) < 1e-11
+    gained = np.asarray(state.scalars.grains) - np.asarray(warm.grains)
+    assert gained[1] < -1.0 and np.abs(gained[1:]).min() > 1e-3, "heat has crossed both borders"
 
     def silent(division, neighbors, motion, *rest):
         new, *others = slab_steps.refreshed(division, neighbors, motion, *rest)
@@ -125,15 +140,10 @@ def test_ghosts_tell_how_they_lie(monkeypatch):
 
     monkeypatch.setattr("jaxdem.particles.verlet.refreshed", silent)
     step = jax.jit(lambda p, s, n: divided.step(p, s, n))
-    for _ in range(8):
+    for _ in range(40):
         slabs = step(parameters, *slabs)[:2]
     without, _ = devices.gathered(divided, *slabs)
     assert apart(state.particles.angular_velocity, without.particles.angular_velocity) > 1e-3
-
-
-def _parts(gathered):
-    whole, contacts = gathered
-    return whole.particles, contacts
 
 
 def test_walls_a_mesh_and_materials_in_space(tmp_path):
@@ -197,6 +207,53 @@ def test_clumps_come_and_go():
     # Those that are still to come lie as they will come in, for a run that goes on elsewhere.
     coming = np.arange(len(parts.active)) >= int(parts.inserted[0])
     np.testing.assert_array_equal(parts.orientation[coming], one[0].particles.orientation[coming])
+
+
+def test_what_a_state_has_comes_back_unchanged():
+    """Single precision, members that are not in all bodies, some of which are still to come."""
+    inlet = {"side": "top", "rate": 40.0, "velocity": 0.5}
+    scene = scene_of(precision="float32", particles={"inlet": [inlet]}, boundary=dict.fromkeys(PERIODIC))
+    _, divided, parameters, (state, neighbors), _ = pair_of(scene, 2)
+    draw, particles = np.random.default_rng(0), state.particles
+
+    def marked(array):
+        return jnp.asarray(draw.normal(size=array.shape), array.dtype)
+
+    listed = np.asarray(neighbors.pairs.first != neighbors.pairs.second)
+    springs = tuple(jnp.where(listed, marked(x), 0.0) for x in particles.contact_spring)
+    names = ("velocity", "angular_velocity", "contact_force", "wall_spring")
+    there = np.asarray(particles.active)
+    assert 0 < there.sum() < len(there) and len(particles.wall_spring[0]) == 4
+    others = jax.tree.map(marked, {name: getattr(particles, name) for name in names})
+    others["wall_spring"] = tuple(x * np.tile(there, 3)[None] for x in others["wall_spring"])
+    for name in ("velocity", "angular_velocity", "contact_force"):
+        others[name] = others[name] * there[:, None]
+    state = state._replace(particles=particles._replace(contact_spring=springs, **others))
+    slabs = devices.distributed(divided, parameters, state, neighbors)
+    again, _ = devices.on_one_device(divided, parameters, *devices.gathered(divided, *slabs))
+    assert np.any(np.asarray(particles.orientation_low) != 0.0)
+    for name in (*names, "orientation", "orientation_low", "contact_spring", "inserted", "active"):
+        for one, other in zip(*(jax.tree.leaves(getattr(s.particles, name)) for s in (state, again)), strict=True):
+            np.testing.assert_array_equal(np.asarray(other), np.asarray(one), err_msg=name)
+
+
+def test_the_gradient_is_that_on_one_device():
+    """Of rods that collide across the borders, by every constant of bodies and contacts."""
+    simulation, divided, parameters, one, slabs = pair_of(rods(), 2)
+
+    def objective(simulation, parameters, state, neighbors):
+        rows = jaxdem.rollout(simulation, parameters, state, neighbors, 8).state.particles
+        there = jnp.ones(rows.position.shape[:-1], bool) if rows.active is None else rows.active
+        value = jnp.sum(rows.velocity**2, axis=-1) + jnp.sum(jnp.sin(rows.orientation), axis=-1)
+        return jnp.sum(jnp.where(there, value, 0.0))
+
+    gradient = [
+        jax.jit(jax.grad(lambda p, s=s, state=state: objective(s, p, *state)))(parameters)
+        for s, state in ((simulation, one), (divided, slabs))
+    ]
+    for expected, found in zip(*map(jax.tree.leaves, gradient), strict=True):
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10 * np.abs(expected).max())
+    assert float(gradient[0].bodies.density) != 0.0 and np.any(np.asarray(gradient[0].bodies.clumps.inertia[0]) != 0.0)
 
 
 def in_a_fluid():
