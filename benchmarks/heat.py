@@ -5,7 +5,7 @@ with a surface (a column of warm water that collapses). With heat and
 without they begin from one state, grains and stream as they are after a while with heat: without it the fluid of the
 cavity would be at rest, and its pressure would take no iteration. Their intervals are timed in turns in one process, in
 processor time, and the least of each counts. A further row is the bed with heat of friction over the bed with heat.
-Writes results/heat.{json,md}; with --only that row anew, the others stay as they are.
+Writes results/heat.{json,md}; with --only that row alone, into a file of its own.
 
     python benchmarks/heat.py [--repeats 7] [--only "two fluids"]
 """
@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import argparse
 import copy
-import json
 import math
 import sys
 import time
@@ -136,8 +135,7 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=7)
     parser.add_argument("--only", default="", help="name of a row")
     arguments = parser.parse_args()
-    stored = harness.RESULTS / "heat.json"
-    rows: dict[str, dict[str, float]] = json.loads(stored.read_text())["intervals"] if arguments.only else {}
+    rows: dict[str, dict[str, float]] = {}
     bed, cavity, warm = bed_tables(), cavity_tables(), surface_tables()
     scenes = {
         "bed": (bed, without_heat(bed), without_scalars),
@@ -157,7 +155,8 @@ def main() -> None:
         rows[name]["ratio"] = best["with"] / best["without"]
     lines = ["| scene | without [ms] | with [ms] | ratio |", "| --- | --- | --- | --- |"]
     lines += [f"| {n} | {r['without_ms']:.2f} | {r['with_ms']:.2f} | {r['ratio']:.2f} |" for n, r in rows.items()]
-    harness.write("heat", {"intervals": rows, "repeats": arguments.repeats}, "\n".join(lines))
+    written = "heat" + (f"_{arguments.only.replace(' ', '_')}" if arguments.only else "")
+    harness.write(written, {"intervals": rows, "repeats": arguments.repeats}, "\n".join(lines))
 
 
 if __name__ == "__main__":

@@ -7,8 +7,8 @@ c is the liquid fraction, rho = rho_2 + c (rho_1 - rho_2), P the pressure, g_0 g
 particles. A step is
 
 1. the fraction is carried by the velocity at its start, in closed form in every cell (`volume_of_fluid`);
-2. momentum is carried by the flux of mass that this makes (`carried_momentum`); stress, weight and tension are those
-   of the new place of the surface;
+2. heat is carried by the flux of the capacity that this makes, momentum by that of mass (`carried_heat`,
+   `carried_momentum`); stress, weight and tension are those of the new place of the surface;
 3. the projection, with the new density on the faces.
 
 So the place of the surface and the velocity are half a step apart, as in the leapfrog method: waves keep their

@@ -34,6 +34,9 @@ FOURIER, FOURIER_AMONG_GRAINS = 0.4, 0.2
 """Largest D t sum(1/h^2) of a step of a scalar [-]: Heun's method is stable up to 0.5 where the void fraction of a face
 is that of its cells; at a front of grains it may be more than twice that of a cell."""
 
+MOST_STEPS = 100_000
+"""Of a scalar in a coupling interval: far more than a sensible scene takes."""
+
 NO_SURFACES: tuple[SideKind, ...] = ()
 
 CONDUCTED = 0.25
@@ -62,7 +65,8 @@ def scene_scalars(
         surfaces: within the mesh of the fluid; None without.
 
     Raises:
-        InputError: a law of heat transfer is given in Python, and no heat is exchanged.
+        InputError: a law of heat transfer is given in Python, and no heat is exchanged; or a scalar diffuses so fast
+            that a coupling interval takes more than `MOST_STEPS` steps of it.
     """
     exchanges = scene.heat is not None and scene.heat.exchange != "none" and fluid is not None and particles is not None
     if nusselt is not None and not exchanges:
@@ -84,6 +88,8 @@ def scene_scalars(
                 kinds, longest = surfaces.kinds(name), longest * min(1.0, surfaces.smallest)
                 finer = max(1, math.ceil(fluid.courant_limit / surfaces.smallest - 1e-9))
             count = max(1, math.ceil(number / longest))
+            if count > MOST_STEPS:
+                raise _too_many(scene, name, diffusivity, count)
             fields.append(ScalarField(name, sides, diffusivity > 0.0, count, kinds, finer))
     heat = None
     if scene.heat is not None:
@@ -96,6 +102,19 @@ def scene_scalars(
             bed=table.bed_conductivity,
         )
     return Scalars(tuple(fields), heat)
+
+
+def _too_many(scene: Scene, name: str, diffusivity: float, count: int) -> InputError:
+    """The refusal of a scalar that diffuses too fast."""
+    if name == TEMPERATURE:
+        key, value = "heat.fluid_conductivity", required(scene.heat, "heat").fluid_conductivity
+        if scene.surface is not None and diffusivity > dict(_diffusivities(scene))[name]:
+            key, value = "surface.conductivity", scene.surface.conductivity
+    else:
+        number = [scalar.name for scalar in scene.scalars].index(name)
+        key, value = f"scalars.{number}.diffusivity", diffusivity
+    limit = f"takes {count:.3g} steps of {name} in a coupling interval, at most {MOST_STEPS:,} are sensible"
+    return InputError(key, value, limit, "correct it, or the heat capacity; or use a shorter coupling interval")
 
 
 def scalar_parameters(

@@ -83,6 +83,17 @@ def test_the_expansion_of_the_second_fluid_is_its_own():
     assert float(numbers.reference) == 310.0
 
 
+@pytest.mark.parametrize(("table", "name"), [("surface", "conductivity"), ("heat", "fluid_conductivity")])
+def test_heat_that_is_conducted_too_fast_to_follow_is_refused(table, name):
+    tables = copy.deepcopy(TANK)
+    tables[table][name] = 1e12
+    if table == "heat":
+        tables["surface"]["heat_capacity"] = 1e16
+    with pytest.raises(jaxdem.InputError, match="steps of temperature") as error:
+        jaxdem.build(load_scene(tables))
+    assert error.value.key == f"{table}.{name}"
+
+
 def test_slopes_go_through_conduction_of_layers():
     """By the conductivity of the second fluid, against central differences."""
     layers = Layers(8, 0.55, (400.0, 300.0))
