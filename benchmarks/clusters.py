@@ -24,7 +24,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script from anywh
 
 from benchmarks import harness
 from benchmarks.clusters_closures import closure_of, train, tuned, tuned_name
-from benchmarks.clusters_measures import measured
+from benchmarks.clusters_measures import is_fine, measured, pooled
 from benchmarks.clusters_runs import Case, simulated
 
 FRACTIONS = (0.02, 0.05, 0.2)
@@ -37,8 +37,15 @@ COARSE = (12.0, 24.0)
 """Sides of coarse cells, in diameters."""
 LOSSY = ("", "gradient")
 """Closures of the runs with parcels whose impacts keep the rate of loss of the grains, on cells of 24 diameters."""
+OWN = ("", "radl", "gradient")
+"""Closures of the runs with parcels that see the volume of a grain in place of their own, on cells of 24 diameters."""
+SEEDS = (0, 1)
+"""Of the places at the start, for the fine runs and for the closures of `OWN`."""
 TUNED = ((24.0, 4),)
 """Cells and parcels for which the network is tuned by statistics."""
+FINE_TIMES = {0.02: 110, 0.05: 40, 0.2: 25}
+"""Length of a fine run in relaxation times; of coarse runs with grains at most `GRAIN_TIMES`."""
+GRAIN_TIMES = 40
 PARCEL_STEP, PARCEL_TIMES = 5e-4, 110
 """Fluid step of runs with parcels [s], and their length in relaxation times."""
 
@@ -46,18 +53,25 @@ PARCEL_STEP, PARCEL_TIMES = 5e-4, 110
 def fine(solid_fraction: float, seed: int = 0) -> Case:
     """The fine run of a mean solid fraction."""
     samples = solid_fraction == TRAINED_ON[0].solid_fraction and seed == 0
-    return Case(solid_fraction, seed=seed, samples=samples, times=25 if solid_fraction > 0.1 else 40)
+    return Case(solid_fraction, seed=seed, samples=samples, times=FINE_TIMES[solid_fraction])
 
 
 def coarse(solid_fraction: float, cell: float, closure: str = "", parcel: int = 1, seed: int = 0) -> Case:
     """A coarse run beside it."""
     case = replace(fine(solid_fraction, seed), cell=cell, closure=closure, parcel=parcel, samples=False)
-    return case if parcel == 1 else replace(case, step=PARCEL_STEP, times=PARCEL_TIMES)
+    if parcel == 1:
+        return replace(case, times=min(case.times, GRAIN_TIMES))
+    return replace(case, step=PARCEL_STEP, times=PARCEL_TIMES)
 
 
 def lossy(case: Case) -> Case:
     """The case with parcels whose impacts keep the rate of loss of the grains."""
     return replace(case, name="loss", changes=(("contact.parcel_loss", "rate"),))
+
+
+def of_grain(case: Case) -> Case:
+    """The case with parcels that see the volume of one grain in place of their own."""
+    return replace(case, name="own", changes=(("coupling.own_volume", "grain"),))
 
 
 def with_tuned(case: Case) -> Case:
@@ -74,10 +88,12 @@ def plan() -> dict[str, list[Case]]:
         replace(base, name="wide", changes=(("coupling.kernel_width.cells", 1.0),)),
     ]
     return {
-        "fine": [fine(s) for s in FRACTIONS],
+        "fine": [fine(s, seed) for seed in SEEDS for s in FRACTIONS],
         "mesh": [*small, *checks],
         "models": [coarse(s, cell, model) for cell in reversed(COARSE) for model in MODELS for s in FRACTIONS],
         "parcels": [coarse(s, cell, model, 4) for cell in COARSE for model in MODELS for s in FRACTIONS],
+        "seeds": [coarse(s, 24.0, model, 4, seed) for model in OWN for s in FRACTIONS for seed in SEEDS[1:]],
+        "own": [of_grain(coarse(s, 24.0, model, 4, seed)) for model in OWN for s in FRACTIONS for seed in SEEDS],
         "loss": [lossy(coarse(s, 24.0, model, 4)) for model in LOSSY for s in FRACTIONS],
         "tuned": [with_tuned(coarse(s, cell, parcel=parcel)) for cell, parcel in TUNED for s in FRACTIONS],
     }
@@ -103,7 +119,7 @@ def rows_of(cases: list[Case], folder: Path, until: float) -> Iterator[dict[str,
 
 
 def table_of(rows: list[dict[str, Any]]) -> str:
-    """One line a run; quotients are those to the fine run of the same mean solid fraction and grain."""
+    """One line a run; quotients are those to all fine runs of the same mean solid fraction and grain together."""
     lines = [
         "| solid fraction | cells [d] | parcels | closure | other | slip / u_t | over fine | drag / uniform "
         "| over fine | var. solids 24 d | var. grains 24 d | var. gas 24 d | cpu per relaxation time [s] |",
@@ -111,12 +127,12 @@ def table_of(rows: list[dict[str, Any]]) -> str:
     ]
     for row in rows:
         same = [r for r in rows if all(r[name] == row[name] for name in ("solid_fraction", "diameter", "box"))]
-        reference = next((r for r in same if r["cell"] == 3.0 and not r["closure"] and r["parcel"] == 1), row)
+        fine_runs = [r for r in same if is_fine(r)] or [row]
         parts = [f"{row['solid_fraction']:g}", f"{row['cell']:g}", f"{row['parcel']}", row["closure"] or "none"]
         parts.append(row["name"] or ("" if row["box"] == Case.box else "small box"))
         for name in ("slip", "drag"):
             parts.append(f"{row[name]['mean']:.3f} +- {row[name]['error']:.3f}")
-            parts.append(f"{row[name]['mean'] / reference[name]['mean']:.3f}")
+            parts.append(f"{row[name]['mean'] / pooled(fine_runs, name)['mean']:.3f}")
         parts += [f"{row[name]['mean']:.3f} +- {row[name]['error']:.3f}" for name in VARIANCES]
         lines.append("| " + " | ".join([*parts, f"{row['cpu_s_per_relaxation_time']:.2f}"]) + " |")
     return "\n".join(lines)
@@ -137,7 +153,7 @@ def main() -> None:
     until, groups = time.monotonic() + 60.0 * arguments.minutes, plan()
     rows: list[dict[str, Any]] = []
     for name in [part for part in arguments.groups.split(",") if part] or groups:
-        if name in ("models", "loss", "tuned") and time.monotonic() < until:
+        if name in ("models", "seeds", "own", "loss", "tuned") and time.monotonic() < until:
             train(TRAINED_ON, arguments.runs)
         if name == "tuned" and time.monotonic() < until:
             slips = [row["slip"]["mean"] for row in rows_of([fine(0.05)], arguments.runs, until)]

@@ -1,4 +1,4 @@
-"""The two figures of docs/results/clusters.md: grains and gas on two meshes, and error against processor time."""
+"""The two figures of docs/results/clusters.md: grains and gas on two meshes, and errors by closure."""
 
 from __future__ import annotations
 
@@ -11,25 +11,35 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
+from benchmarks.clusters_measures import is_fine, pooled
 from benchmarks.clusters_runs import Case
 from jaxdem.io import load_run
 from jaxdem.report import style
-from jaxdem.report.chart import log_limits, put_plain_numbers
 
 NAMES = {
     "": "no model",
     "radl": "Radl & Sundaresan",
     "regression": "regression",
     "network": "network",
+    "tuned": "network, tuned",
     "network2": "network, two runs",
     "fraction": "solid fraction alone",
-    "tuned": "network, tuned",
+    "bounded": "network, bounded",
+    "gradient": "with the gradient",
 }
-"""Of the closures."""
-COLOURS = ("#777777", *style.COLOURS)
-"""Of the closures."""
-MARKERS = {(12.0, 1): "s", (24.0, 1): "D", (12.0, 4): "o", (24.0, 4): "^"}
-"""By the side of the cells in diameters, and by the parcels."""
+"""Of the closures, in the order of the lines."""
+KINDS: dict[str, tuple[str, str, float]] = {
+    "12 d, grains": ("s", style.REFERENCE, -0.3),
+    "24 d, grains": ("D", style.COLOURS[2], -0.18),
+    "12 d, parcels of 4": ("o", style.COLOURS[4], -0.06),
+    "24 d, parcels of 4": ("^", style.COLOURS[0], 0.06),
+    "24 d, parcels of 4, volume of a grain": ("v", style.COLOURS[1], 0.18),
+    "24 d, parcels of 4, rate of loss": ("X", style.COLOURS[3], 0.3),
+}
+"""Marker, colour and place in the line of the kinds of runs, see `kind_of`."""
+MEASURES = {"slip": "slip over fine - 1 [%]", "drag": "drag over fine - 1 [%]"}
+LIMITS = (-70.0, 110.0)
+"""Of the axis; what lies beyond is written at its end [%]."""
 
 
 def draw_pair(cases: Sequence[tuple[Case, str]], folder: Path, path: Path) -> None:
@@ -63,43 +73,48 @@ def draw_pair(cases: Sequence[tuple[Case, str]], folder: Path, path: Path) -> No
         style.save(figure, path, dpi=100)
 
 
-def draw_errors(rows: list[dict[str, Any]], path: Path) -> None:
-    """Error of the slip against processor time, a panel a mean solid fraction; bars are two standard errors."""
-    fractions = sorted({row["solid_fraction"] for row in rows if row["cell"] == 3.0})
+def kind_of(row: dict[str, Any]) -> str:
+    """The kind of a run, by its mesh, its parcels, and what they are told."""
+    grains = "grains" if row["parcel"] == 1 else f"parcels of {row['parcel']}"
+    told = {"own": ", volume of a grain", "loss": ", rate of loss", "restitution 0.487": ", rate of loss"}
+    return f"{row['cell']:g} d, {grains}{told.get(row['name'], '')}"
+
+
+def draw_errors(rows: Sequence[dict[str, Any]], path: Path) -> None:
+    """Errors of slip and drag by closure, a column a mean solid fraction; bars are two standard errors of the run."""
+    fractions = sorted({row["solid_fraction"] for row in rows if is_fine(row)})
     with style.look():
-        figure = style.new_figure(2.3 * len(fractions) + 2.6, 3.8)
-        panels = figure.subplots(1, len(fractions), sharey=True, squeeze=False)[0]
-        for axes, fraction in zip(panels, fractions, strict=True):
-            _errors(axes, [row for row in rows if row["solid_fraction"] == fraction])
-            axes.set(title=f"solid fraction {fraction:g}", xscale="log")
-            axes.set_xlim(log_limits(axes.get_xlim()))
-            put_plain_numbers(axes.xaxis, axes.get_xlim())
-            axes.set_xlabel("processor time [s]\nof a relaxation time")
-        panels[0].set_ylabel("slip over that of the fine run - 1 [%]")
-        entries = [Line2D([], [], color=style.REFERENCE, marker="*", linestyle="", label="fine run")]
-        for name, colour in zip(NAMES.values(), COLOURS, strict=True):
-            entries.append(Line2D([], [], color=colour, linewidth=3.0, label=name))
-        for (cell, parcel), marker in MARKERS.items():
-            grains = "grains" if parcel == 1 else f"parcels of {parcel}"
-            label = f"{cell:g} d, {grains}"
-            entries.append(Line2D([], [], color="#777777", marker=marker, linestyle="", label=label))
-        figure.legend(handles=entries, loc="outside right center")
+        figure = style.new_figure(2.4 * len(fractions) + 2.0, 9.6)
+        panels = figure.subplots(len(MEASURES), len(fractions), sharex=True, sharey=True, squeeze=False)
+        for (name, label), line in zip(MEASURES.items(), panels, strict=True):
+            for axes, fraction in zip(line, fractions, strict=True):
+                _errors(axes, [row for row in rows if row["solid_fraction"] == fraction], name)
+                axes.set(title=f"solid fraction {fraction:g}", xlabel=label, xlim=LIMITS)
+                axes.tick_params(labelbottom=True)
+        panels[0, 0].set_yticks(range(len(NAMES)), NAMES.values())
+        panels[0, 0].set_ylim(len(NAMES) - 0.5, -0.5)
+        entries = [
+            Line2D([], [], color=colour, marker=marker, linestyle="", label=kind)
+            for kind, (marker, colour, _) in KINDS.items()
+        ]
+        figure.legend(handles=entries, loc="outside lower center", ncols=3)
         style.save(figure, path, dpi=100)
 
 
-def _errors(axes: Axes, rows: list[dict[str, Any]]) -> None:
-    """The points of a panel, each with the noise of the fine run in its bar."""
-    fine = next(row for row in rows if row["cell"] == 3.0 and row["parcel"] == 1 and row["seed"] == 0)
-    reference, noise = fine["slip"]["mean"], fine["slip"]["error"] / fine["slip"]["mean"]
-    axes.axhspan(-5.0, 5.0, color="#EEEEEE", zorder=0)
-    axes.axhline(0.0, color=style.REFERENCE, linewidth=0.8)
-    axes.errorbar(fine["cpu_s_per_relaxation_time"], 0.0, yerr=200.0 * noise, fmt="*", color=style.REFERENCE)
-    for (closure, colour), ((cell, parcel), marker) in itertools.product(
-        zip(NAMES, COLOURS, strict=True), MARKERS.items()
-    ):
-        for row in rows:
-            if (row["cell"], row["parcel"], row["closure"].split("_")[0]) == (cell, parcel, closure):
-                ratio = row["slip"]["mean"] / reference
-                bar = 200.0 * ratio * np.hypot(noise, row["slip"]["error"] / row["slip"]["mean"])
-                place = row["cpu_s_per_relaxation_time"], 100.0 * (ratio - 1.0)
-                axes.errorbar(*place, yerr=bar, fmt=marker, color=colour, capsize=2)
+def _errors(axes: Axes, rows: list[dict[str, Any]], name: str) -> None:
+    """The points of a panel, and two standard errors of the fine runs as lines."""
+    reference = pooled([row for row in rows if is_fine(row)], name)
+    noise = 200.0 * reference["error"] / reference["mean"]
+    axes.axvspan(-5.0, 5.0, color="#E8E8E8", zorder=0)
+    axes.axvline(0.0, color=style.REFERENCE, linewidth=0.8)
+    for edge in (-noise, noise):
+        axes.axvline(edge, color=style.NOISE, linewidth=0.9, linestyle="--")
+    for (place, closure), (kind, (marker, colour, shift)) in itertools.product(enumerate(NAMES), KINDS.items()):
+        runs = [row for row in rows if row["closure"].split("_")[0] == closure and kind_of(row) == kind]
+        if runs:
+            found = pooled(runs, name)
+            ratio, bar = (100.0 * found[part] / reference["mean"] for part in ("mean", "error"))
+            axes.errorbar(ratio - 100.0, place + shift, xerr=2.0 * bar, fmt=marker, color=colour, capsize=2)
+            if ratio - 100.0 > LIMITS[1]:
+                text = f"{ratio - 100.0:.0f} % \N{RIGHTWARDS ARROW}"
+                axes.text(LIMITS[1], place, text, color=colour, ha="right", va="center")

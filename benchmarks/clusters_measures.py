@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -14,10 +15,11 @@ from jaxdem.io import Run
 
 DROPPED = 10
 """Relaxation times at the start that are not measured."""
-FRAMES = 50
+FRAMES = 100
 """Largest number of frames from which drag and variances are taken, evenly over the time."""
-BLOCKS = 6
-"""Equal parts of the rest, whose means give the standard error of the mean."""
+BLOCKS, BLOCK = 6, 5
+"""Equal parts of the rest, whose means give the standard error of the mean: at least so many, and of so many relaxation
+times where it is long. The correlation of the slip is zero after 2."""
 SCALES = (12, 24)
 """Sides of the cells over which variances are taken, in diameters of the grain."""
 
@@ -31,6 +33,7 @@ def measured(case: Case, run: Run, dropped: float = DROPPED) -> dict[str, Any]:
     the vertical velocity of the grains (mean by mass) and of the gas over the terminal speed squared.
     """
     lines, terminal = run.probes["box"], terminal_speed(case)
+    blocks = max(BLOCKS, round((case.times - dropped) / BLOCK))
     slip = lines["fluid_velocity_z"] - lines["velocity_z"]
     steady = lines["time"] > (dropped + 0.25) * RELAXATION
     late = [n for n, now in enumerate(run.times) if now > (dropped - 0.5) * RELAXATION]
@@ -46,14 +49,43 @@ def measured(case: Case, run: Run, dropped: float = DROPPED) -> dict[str, Any]:
         for scale in SCALES:
             for name, value in variances(case, particles, fluid, scale).items():
                 series.setdefault(f"{name}_{scale}", []).append(value)
-    result = {"slip": with_error(slip[steady] / terminal)}
-    return result | {name: with_error(np.asarray(values)) for name, values in series.items()}
+    result = {"slip": with_error(slip[steady] / terminal, blocks)}
+    return result | {name: with_error(np.asarray(values), blocks) for name, values in series.items()}
 
 
-def with_error(values: np.ndarray) -> dict[str, float]:
-    """Mean of a series in time, and its standard error by the means of blocks that follow each other."""
-    blocks = [float(block.mean()) for block in np.array_split(values, min(BLOCKS, len(values)))]
+def with_error(values: np.ndarray, number: int = BLOCKS) -> dict[str, float]:
+    """Mean of a series in time, and its standard error by the means of so many blocks that follow each other."""
+    blocks = [float(block.mean()) for block in np.array_split(values, min(number, len(values)))]
     return {"mean": float(values.mean()), "error": float(np.std(blocks, ddof=1) / math.sqrt(len(blocks)))}
+
+
+def is_fine(row: dict[str, Any]) -> bool:
+    """Whether a row of the table is of a run on cells of 3 diameters, without a model and with grains."""
+    return bool(row["cell"] == 3.0 and row["parcel"] == 1 and not row["closure"])
+
+
+def pooled(rows: Sequence[dict[str, Any]], name: str) -> dict[str, float]:
+    """A measure of several runs of one case: mean by the time that is measured, and its standard error.
+
+    With w_i the part of run i in the time, m_i and e_i its mean and error, the error is sqrt(sum w_i^2 e_i^2), times
+    Birge's ratio sqrt(sum ((m_i - m) / e_i)^2 / (n - 1)) where that is above one: where runs differ by more than their
+    errors say.
+
+    Source: R. T. Birge, Phys. Rev. 40 (1932) 207-227.
+
+    Args:
+        rows: each with `times` and the measure.
+        name: of the measure.
+    """
+    mean, error, time = (np.array(values, float) for values in zip(*(_parts(row, name) for row in rows), strict=True))
+    part = time / time.sum()
+    middle = float(part @ mean)
+    ratio = math.sqrt(float((((mean - middle) / error) ** 2).sum()) / (len(rows) - 1)) if len(rows) > 1 else 1.0
+    return {"mean": middle, "error": float(np.linalg.norm(part * error)) * max(1.0, ratio)}
+
+
+def _parts(row: dict[str, Any], name: str) -> tuple[float, float, float]:
+    return row[name]["mean"], row[name]["error"], row["times"] - DROPPED
 
 
 def variances(

@@ -122,6 +122,20 @@ def test_the_error_of_a_mean_is_that_of_its_blocks():
     assert found["error"] == pytest.approx(np.std([1, 2, 3, 4, 5, 6], ddof=1) / np.sqrt(6))
 
 
+def test_runs_of_one_case_are_pooled_by_their_time_and_their_scatter():
+    """Equal runs: the error falls with the root of their number. Runs that differ by more than their errors say have
+    the error of their scatter: of two equally long ones, half of what they differ by."""
+
+    def row(mean: float, error: float, times: int) -> dict[str, object]:
+        return {"slip": {"mean": mean, "error": error}, "times": times + measures.DROPPED}
+
+    assert measures.pooled([row(2.0, 0.1, 30)], "slip") == pytest.approx({"mean": 2.0, "error": 0.1})
+    assert measures.pooled([row(2.0, 0.1, 30)] * 4, "slip") == pytest.approx({"mean": 2.0, "error": 0.05})
+    apart = measures.pooled([row(1.0, 0.1, 30), row(2.0, 0.1, 30)], "slip")
+    assert apart == pytest.approx({"mean": 1.5, "error": 0.5})
+    assert measures.pooled([row(1.0, 0.1, 90), row(2.0, 0.5, 30)], "slip")["mean"] == pytest.approx(1.25)
+
+
 def test_a_scaled_closure_has_the_logarithm_of_its_factor_scaled():
     closure = InvariantClosure.initial(WenYu(), (), features=("solid_fraction",))
     weights = {"Dense_0": {"kernel": jnp.zeros((1, 1)), "bias": jnp.full(1, -0.01)}}
