@@ -29,12 +29,12 @@ NAMES = {
 }
 """Of the closures, in the order of the lines."""
 KINDS: dict[str, tuple[str, str, float]] = {
-    "12 d, grains": ("s", style.REFERENCE, -0.3),
-    "24 d, grains": ("D", style.COLOURS[2], -0.18),
-    "12 d, parcels of 4": ("o", style.COLOURS[4], -0.06),
-    "24 d, parcels of 4": ("^", style.COLOURS[0], 0.06),
-    "24 d, parcels of 4, volume of a grain": ("v", style.COLOURS[1], 0.18),
-    "24 d, parcels of 4, rate of loss": ("X", style.COLOURS[3], 0.3),
+    "12 d, grains": ("s", style.REFERENCE, -0.4),
+    "24 d, grains": ("D", style.COLOURS[2], -0.24),
+    "12 d, parcels of 4": ("o", style.COLOURS[4], -0.08),
+    "24 d, parcels of 4": ("^", style.COLOURS[0], 0.08),
+    "24 d, parcels of 4, volume of a grain": ("v", style.COLOURS[1], 0.24),
+    "24 d, parcels of 4, rate of loss": ("X", style.COLOURS[3], 0.4),
 }
 """Marker, colour and place in the line of the kinds of runs, see `kind_of`."""
 MEASURES = {"slip": "slip over fine - 1 [%]", "drag": "drag over fine - 1 [%]"}
@@ -84,7 +84,7 @@ def draw_errors(rows: Sequence[dict[str, Any]], path: Path) -> None:
     """Errors of slip and drag by closure, a column a mean solid fraction; bars are two standard errors of the run."""
     fractions = sorted({row["solid_fraction"] for row in rows if is_fine(row)})
     with style.look():
-        figure = style.new_figure(2.4 * len(fractions) + 2.0, 9.6)
+        figure = style.new_figure(2.4 * len(fractions) + 2.0, 10.4)
         panels = figure.subplots(len(MEASURES), len(fractions), sharex=True, sharey=True, squeeze=False)
         for (name, label), line in zip(MEASURES.items(), panels, strict=True):
             for axes, fraction in zip(line, fractions, strict=True):
@@ -114,7 +114,8 @@ def _errors(axes: Axes, rows: list[dict[str, Any]], name: str) -> None:
         if runs:
             found = pooled(runs, name)
             ratio, bar = (100.0 * found[part] / reference["mean"] for part in ("mean", "error"))
-            axes.errorbar(ratio - 100.0, place + shift, xerr=2.0 * bar, fmt=marker, color=colour, capsize=2)
+            where = ratio - 100.0, place + shift
+            axes.errorbar(*where, xerr=2.0 * bar, fmt=marker, color=colour, capsize=2, markersize=5)
             if ratio - 100.0 > LIMITS[1]:
                 text = f"{ratio - 100.0:.0f} % \N{RIGHTWARDS ARROW}"
                 axes.text(LIMITS[1], place, text, color=colour, ha="right", va="center")
