@@ -56,7 +56,8 @@ def _fluid(arrays: Mapping[str, np.ndarray]) -> FluidState:
     """The fluid in slabs."""
     faces: Any = _vector(arrays, "state.fluid.face_velocity")
     rest: Any = [arrays.get(f"state.fluid.{name}") for name in ("pressure", "void_fraction", "mean_gradient")]
-    return FluidState(faces, *rest)
+    change: Any = arrays.get("state.fluid.pressure_change")
+    return FluidState(faces, *rest, pressure_change=change)
 
 
 def _scalars(arrays: Mapping[str, np.ndarray]) -> ScalarState:

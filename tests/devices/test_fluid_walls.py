@@ -8,6 +8,7 @@ import pytest
 
 import jaxdem
 from jaxdem import InputError, devices
+from jaxdem.setup.builder import build_case
 from tests.cases.fluid_slabs import compared, fluid_scene
 from tests.cases.pistons_in_fluid import before_column
 from tests.cases.slabs_beside_walls import CYLINDER, JET, SCENES
@@ -96,6 +97,13 @@ def test_a_run_beside_warm_walls_goes_on_as_on_one_device(tmp_path):
             assert np.abs(wanted[column]).min() > 0.0
             np.testing.assert_allclose(loads[column], wanted[column], rtol=0, atol=1e-10 * np.abs(wanted[column]).max())
         assert abs(found.summary["heat"]["from_walls_to_fluid"]["rod"] - supplied) < 1e-10 * abs(supplied)
+    # A run that begins from one in slabs: what its solver begins with is that of the whole box.
+    further = whole | {"time": {"end": 0.12, "output_interval": 0.04}}
+    starts = [further | {"start": {"from": str(tmp_path / name)}} for name in ("one", "two")]
+    first, second = (build_case(jaxdem.load_scene(start)).unsettled_state()[0].fluid for start in starts)
+    assert np.abs(first.pressure_change).max() > 0.0
+    size = np.abs(first.pressure).max()
+    np.testing.assert_allclose(second.pressure_change, first.pressure_change, rtol=0, atol=1e-10 * size)
 
 
 def test_pistons_in_the_fluid_are_refused():
