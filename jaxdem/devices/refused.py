@@ -34,12 +34,6 @@ def _bonds_in_a_population(simulation: Simulation) -> bool:
 REFUSED = (
     Refused("bonds", "...", "bonds between particles of which some leave or come in", _bonds_in_a_population),
     Refused(
-        "walls.piston",
-        "of a wall that the fluid sees",
-        "walls that a force holds and that the fluid sees",
-        lambda simulation: simulation.walls_in_fluid is not None and bool(simulation.walls_in_fluid.pistons),
-    ),
-    Refused(
         "surface",
         "...",
         "two fluids",

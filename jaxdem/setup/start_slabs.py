@@ -57,7 +57,7 @@ def _fluid(arrays: Mapping[str, np.ndarray]) -> FluidState:
     faces: Any = _vector(arrays, "state.fluid.face_velocity")
     rest: Any = [arrays.get(f"state.fluid.{name}") for name in ("pressure", "void_fraction", "mean_gradient")]
     change: Any = arrays.get("state.fluid.pressure_change")
-    return FluidState(faces, *rest, pressure_change=change)
+    return FluidState(faces, *rest)._replace(pressure_change=change)
 
 
 def _scalars(arrays: Mapping[str, np.ndarray]) -> ScalarState:

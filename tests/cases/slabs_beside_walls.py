@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 from tests.cases.fluid_slabs import ALONG_X, coupled_scene, fluid_scene
+from tests.cases.pistons_in_fluid import before_column
 
 CYLINDER = {"kind": "cylinder", "center": [0.37, 0.29], "radius": 0.13, "inside": False, "fluid": "no_slip"}
 """In the middle of a box of 8 x 6 cells of 0.1 m, across both planes between two slabs."""
@@ -56,5 +57,6 @@ SCENES: dict[str, dict[str, Any]] = {
     },
     "grains": beside_grains(ALONG_X, body((0.19, 0.14), 0.06, motion=RISING)),
     "grains, diffusion": beside_grains(JET, body((0.19, 0.14), 0.06, fluid="free_slip"), void_fraction="diffusion"),
+    "piston": before_column(0.5, cells=12),
 }
-"""Walls that stick, slip, turn, move and vanish, all kinds of sides, an eddy viscosity; grains in both ways."""
+"""Walls that stick, slip, turn, move, vanish and are pushed, all kinds of sides, an eddy viscosity, grains."""

@@ -10,7 +10,6 @@ import jaxdem
 from jaxdem import InputError, devices
 from jaxdem.setup.builder import build_case
 from tests.cases.fluid_slabs import compared, fluid_scene
-from tests.cases.pistons_in_fluid import before_column
 from tests.cases.slabs_beside_walls import CYLINDER, JET, SCENES
 
 
@@ -23,6 +22,7 @@ from tests.cases.slabs_beside_walls import CYLINDER, JET, SCENES
         ("moving", 2, 0),
         ("grains", 2, 0),
         ("grains, diffusion", 2, 1),
+        ("piston", 2, 1),
     ],
 )
 def test_flow_and_loads_are_those_of_one_device(name, number, axis):
@@ -62,6 +62,10 @@ def test_flow_and_loads_are_those_of_one_device(name, number, axis):
     for field in ("position", "velocity", "fluid_force"):
         found, expected = (np.asarray(getattr(of.particles, field)) for of in (whole, state))
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11 * np.abs(expected).max(), err_msg=field)
+    if state.particles.pistons is not None:
+        expected = np.asarray(state.particles.pistons.velocity)
+        np.testing.assert_allclose(whole.particles.pistons.velocity, expected, rtol=1e-11)
+        assert np.all(expected > 0.0)
 
 
 def test_parameters_of_one_device_are_refused():
@@ -104,9 +108,3 @@ def test_a_run_beside_warm_walls_goes_on_as_on_one_device(tmp_path):
     assert np.abs(first.pressure_change).max() > 0.0
     size = np.abs(first.pressure).max()
     np.testing.assert_allclose(second.pressure_change, first.pressure_change, rtol=0, atol=1e-10 * size)
-
-
-def test_pistons_in_the_fluid_are_refused():
-    scene = jaxdem.load_scene(before_column(0.5))
-    with pytest.raises(InputError, match="do not work with walls that a force holds and that the fluid sees"):
-        jaxdem.build(scene, devices=2)
