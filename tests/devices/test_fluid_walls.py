@@ -108,3 +108,10 @@ def test_a_run_beside_warm_walls_goes_on_as_on_one_device(tmp_path):
     assert np.abs(first.pressure_change).max() > 0.0
     size = np.abs(first.pressure).max()
     np.testing.assert_allclose(second.pressure_change, first.pressure_change, rtol=0, atol=1e-10 * size)
+
+
+def test_heat_between_walls_that_move_is_refused():
+    heat = {"fluid_heat_capacity": 1000.0, "fluid_conductivity": 0.5, "fluid_temperature": 300.0}
+    tables = SCENES["moving"] | {"walls": SCENES["moving"]["walls"][:2], "heat": heat}
+    with pytest.raises(InputError, match="heat and scalars between walls that change their place in the fluid"):
+        jaxdem.build(jaxdem.load_scene(tables), devices=2)
