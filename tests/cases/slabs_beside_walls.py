@@ -12,6 +12,7 @@ CYLINDER = {"kind": "cylinder", "center": [0.37, 0.29], "radius": 0.13, "inside"
 """In the middle of a box of 8 x 6 cells of 0.1 m, across both planes between two slabs."""
 
 TURNING = [{"kind": "rotation", "rate": 2.0}]
+SWINGING = [{"kind": "rotation", "rate": 1.5, "center": [0.45, 0.6]}]
 SLIDING = [{"kind": "translation", "velocity": [0.4, 0.0]}]
 RISING = [{"kind": "translation", "velocity": [0.0, 0.4]}]
 
@@ -50,7 +51,7 @@ SCENES: dict[str, dict[str, Any]] = {
     "moving": fluid_scene([8, 6], {"right": {"kind": "outlet"}})
     | {
         "walls": [
-            CYLINDER | {"center": [0.31, 0.34], "motion": [{"kind": "translation", "velocity": [0.5, -0.3]}]},
+            CYLINDER | {"center": [0.31, 0.34], "motion": SWINGING},
             {"kind": "plane", "point": [0.0, 0.08], "normal": [0.0, 1.0], "fluid": "no_slip", "motion": SLIDING},
             CYLINDER | {"center": [0.66, 0.3], "end": 0.025},
         ]
