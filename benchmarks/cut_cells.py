@@ -8,6 +8,7 @@ on the walls. Figures are processor times. "start" is from rest, "developed" aft
 
 The case "cylinder" is a jet in 2-D that meets a cylinder of 20 cells at a Reynolds number of 500; "pipe" a jet in 3-D
 into a round pipe, 22 cells across; "sphere" the same jet onto a sphere of 10 cells. Without walls the jet is the same.
+"swinging cylinder" is the cylinder that swings by two cells, over the same at rest.
 No flow becomes steady, so that every step has a pressure to find.
 """
 
@@ -40,12 +41,14 @@ class Setting(NamedTuple):
         wall: that the fluid sees.
         steps: fluid steps of a window.
         before: fluid steps until the flow has formed.
+        other: walls of the other program.
     """
 
     scene: dict[str, Any]
     wall: dict[str, Any]
     steps: int
     before: int
+    other: tuple[dict[str, Any], ...] = ()
 
 
 def jet(cells: tuple[int, ...], spacing: float, viscosity: float, step: float) -> dict[str, Any]:
@@ -63,18 +66,20 @@ def jet(cells: tuple[int, ...], spacing: float, viscosity: float, step: float) -
     }
 
 
-CASES = ("cylinder", "pipe", "sphere")
+CASES = ("cylinder", "pipe", "sphere", "swinging cylinder")
 ACROSS = {"kind": "cylinder", "center": [2.02, 1.61], "radius": 0.5, "inside": False, "fluid": "no_slip"}
+SWINGING = {"motion": [{"kind": "oscillation", "direction": [0.0, 1.0], "amplitude": 0.1, "frequency": 0.1}]}
 TUBE = {"kind": "cylinder", "center": [0.0, 0.6, 0.61], "axis": [1.0, 0.0, 0.0], "radius": 0.55, "fluid": "no_slip"}
 
 
 def settings(folder: Path) -> dict[str, Setting]:
     """Cases by name; the folder is for the file of a mesh."""
-    solid = jet((48, 24, 24), 0.05, 1e-3, 0.01)
+    flat, solid = jet((128, 64), 0.05, 2e-3, 0.01), jet((48, 24, 24), 0.05, 1e-3, 0.01)
     return {
-        "cylinder": Setting(jet((128, 64), 0.05, 2e-3, 0.01), ACROSS, 60, 3000),
+        "cylinder": Setting(flat, ACROSS, 60, 3000),
         "pipe": Setting(solid, TUBE, 15, 800),
         "sphere": Setting(solid, ball((0.81, 0.61, 0.59), 0.25, folder), 15, 800),
+        "swinging cylinder": Setting(flat, ACROSS | SWINGING, 20, 60, (ACROSS,)),
     }
 
 
@@ -136,7 +141,7 @@ def measured(setting: Setting, rounds: int, precision: str) -> dict[str, Any]:
     """Windows of both programs in turns, by stage."""
     scene = setting.scene | {"precision": precision}
     pair: dict[str, Callable[[str], dict[str, float]]] = {
-        "without": Program(scene, setting).window,
+        "without": Program(scene | {"walls": list(setting.other)}, setting).window,
         "with": Program(scene | {"walls": [setting.wall]}, setting).window,
     }
     found = {}
