@@ -7,9 +7,10 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from jaxdem.scene.completed import completed
 from jaxdem.scene.former import scene_of, with_former
 from jaxdem.scene.messages import as_input_error
-from jaxdem.scene.scene import Scene, completed
+from jaxdem.scene.scene import Scene
 
 
 def scene_of_tables(tables: dict[str, Any], former: Mapping[str, Any] | None = None) -> Scene:
