@@ -15,23 +15,24 @@ from collections.abc import Sequence
 
 import jax.numpy as jnp
 import numpy as np
-from jax import Array, lax
+from jax import Array
 
 from jaxdem.coupling.body_grid import BodyGrid
+from jaxdem.coupling.new_cells import in_new_bodies, in_new_cells
 from jaxdem.coupling.open_parts import cut_cells, on_corners, places_in_box
 from jaxdem.coupling.pistons_in_fluid import PistonInFluid
 from jaxdem.coupling.surface_velocity import swept, with_velocity
 from jaxdem.errors import required
 from jaxdem.fluid.cut_cells import CutCells
 from jaxdem.fluid.fluid_state import FluidProperties, FluidState, StillDistances
-from jaxdem.fluid.grid import Grid, sum_of
-from jaxdem.fluid.open_faces import next_to
+from jaxdem.fluid.grid import Grid
 from jaxdem.numerics import pair_arithmetic as pairs
 from jaxdem.numerics.batches import cond_in_batch
 from jaxdem.numerics.blocks import Blocks
 from jaxdem.numerics.compensated import Pair
 from jaxdem.numerics.host import namespace
 from jaxdem.numerics.placement import Placement, at_rest
+from jaxdem.numerics.stages import stage
 from jaxdem.numerics.static import static
 from jaxdem.numerics.tables import Window
 from jaxdem.numerics.vectors import Vector
@@ -160,9 +161,9 @@ class WallsInFluid:
         if properties.cut is not None and properties.cut.deposit_weights is not None:
             cut = cut._replace(deposit_weights=cut.open_cells)
         before = former.open_cells > 0.0
-        pressure = _in_new_cells(self.grid, state.pressure, before, fluid)
+        pressure = in_new_cells(self.grid, state.pressure, before, fluid)
         if renewed is not None:
-            pressure = cond_in_batch(renewed, lambda p: _in_new_bodies(self.grid, p, before, fluid), pressure)
+            pressure = cond_in_batch(renewed, lambda p: in_new_bodies(self.grid, p, before, fluid), pressure)
         return properties._replace(cut=cut), state._replace(pressure=pressure)
 
     def cut_and_swept(
@@ -172,7 +173,7 @@ class WallsInFluid:
         `swept`."""
         end = pairs.total(start, pairs.as_pair(duration))
         now = self.places(still, numbers, end, pairs.value(start) + 0.5 * duration)
-        means = {s.number: self._mean(s, numbers, start, duration) for s in self.change_place}
+        means = self._means(numbers, start, duration)
         cut = self.with_velocities(self.cut(still, now), now, numbers, end, means)
         if self.pistons:
             cut = cut._replace(unit_swept=tuple(self._unit_swept(still, cut, now, means, p) for p in self.pistons))
@@ -242,6 +243,16 @@ class WallsInFluid:
             found = changed if found is None else found | changed
         return found
 
+    def _means(self, numbers: Sequence[Numbers], start: Pair, duration: Array) -> dict[int, Placement]:
+        """`_mean` of the surfaces that change their place, by their number."""
+
+        def found() -> dict[int, Placement]:
+            return {s.number: self._mean(s, numbers, start, duration) for s in self.change_place}
+
+        end = pairs.value(start) + duration
+        # XLA would work a motion out anew for every face; that time is later than 0 it cannot know.
+        return found() if namespace(end) is np else stage(end > 0.0, found)
+
     def _mean(self, surface: MovingSurface, numbers: Sequence[Numbers], start: Pair, duration: Array) -> Placement:
         """Its placement in the middle of an interval, with the mean velocity: exact for one that does not turn."""
         dimension = self.grid.dimension
@@ -269,24 +280,3 @@ class WallsInFluid:
             bodies.append((nearest, numbers, means[numbers[0]]))
         open_faces = required(still.open_faces, "open faces between still surfaces")
         return swept(self.grid, cut, open_faces, bodies, nearest)
-
-
-def _in_new_cells(grid: Grid, pressure: Array, before: Array, now: Array) -> Array:
-    """The pressure, in cells that have just opened the mean of their neighbours that were open [Pa]."""
-    xp = namespace(pressure)
-    known, open_before = xp.where(before, pressure, 0.0), before.astype(pressure.dtype)
-    total = sum_of(next_to(grid, known, axis) for axis in range(pressure.ndim))
-    count = sum_of(next_to(grid, open_before, axis) for axis in range(pressure.ndim))
-    new = now & ~before & (count > 0.0)
-    return xp.where(new, total / xp.where(count > 0.0, count, 1.0), pressure)
-
-
-def _in_new_bodies(grid: Grid, pressure: Array, before: Array, now: Array) -> Array:
-    """The same of bodies that are many cells thick: from the cells that were open inwards [Pa]."""
-
-    def further(_: int, carry: tuple[Array, Array]) -> tuple[Array, Array]:
-        value, known = carry
-        beside = sum_of(next_to(grid, known.astype(value.dtype), axis) for axis in range(value.ndim)) > 0.0
-        return _in_new_cells(grid, value, known, now), known | (now & beside)
-
-    return lax.fori_loop(0, max(grid.whole_cells), further, (pressure, before))[0]

@@ -19,6 +19,7 @@ import numpy as np
 from jax import Array
 
 from jaxdem.numerics.host import namespace
+from jaxdem.numerics.stages import stage
 
 
 class PositivePart(NamedTuple):
@@ -50,7 +51,7 @@ def positive_part(corners: Array, axes: tuple[int, ...]) -> PositivePart:
         values[offset] = part
     if xp is np:
         return _on_cut_boxes(values)
-    return _mean_over_simplices(values)
+    return stage(xp.any(corners > 0.0), lambda: _mean_over_simplices(values))
 
 
 def _on_cut_boxes(values: dict[tuple[int, ...], Array]) -> PositivePart:
