@@ -132,7 +132,7 @@ def test_the_distance_of_a_mesh_that_moves_is_made_once_and_checked_like_another
     monkeypatch.setattr(fluid_meshes, "grid_distance", counted)
     motion = {"kind": "translation", "velocity": [0.3, 0.0]}
     scene = load_scene(tables(body(ANGLE, **motion), grains=False))
-    surfaces_in_fluid(scene, fluid_setup(scene).grid, 0.0)
+    surfaces_in_fluid(scene, fluid_setup(scene).grid, 0.0, 0.01)
     assert len(made) == 1
     flat = [[0.05, 0.2], [0.35, 0.2], [0.35, 0.201], [0.05, 0.201]]
     assert "thinner than the cells" in refusal(tables(body(flat, **motion), grains=False))
