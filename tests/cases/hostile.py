@@ -105,7 +105,7 @@ COUPLED: Tables = {
     },
     "closure": {"hold": 1},
     "time": {"end": 0.02, "output_interval": 0.01},
-    "output": {"samples": 0.0, "checkpoint_interval": 60.0, "energy": False, "walls": True},
+    "output": {"samples": 0.0, "checkpoint_interval": 60.0, "energy": False},
 }
 """Grains and water in a plane."""
 
@@ -151,6 +151,7 @@ GRAINS: Tables = {
     ],
     "boundary": {"left": {"particles": "remove"}},
     "time": {"end": 0.02, "output_interval": 0.01},
+    "output": {"walls": True},
 }  # fmt: skip
 """Grains of several materials that come and go, in a box with walls of its own."""
 
