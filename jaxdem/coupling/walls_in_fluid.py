@@ -250,7 +250,7 @@ class WallsInFluid:
             return {s.number: self._mean(s, numbers, start, duration) for s in self.change_place}
 
         end = pairs.value(start) + duration
-        # XLA would work a motion out anew for every face; that time is later than 0 it cannot know.
+        # Written to memory: XLA would work out the motion anew for every face. It cannot know that the time is above 0.
         return found() if namespace(end) is np else stage(end > 0.0, found)
 
     def _mean(self, surface: MovingSurface, numbers: Sequence[Numbers], start: Pair, duration: Array) -> Placement:
