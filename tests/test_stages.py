@@ -16,6 +16,7 @@ from jaxdem.cli.main import app
 from jaxdem.io import read_checkpoint
 from jaxdem.run import chunk
 from jaxdem.run.time_loop import TimeLoop
+from jaxdem.run.writer import RunWriter
 from jaxdem.scene.stages import StagedScene
 
 SCENE = {
@@ -108,8 +109,8 @@ def test_twenty_kills_at_random_moments_change_nothing(chain, tmp_path, monkeypa
     """Before or after any interval, frame or checkpoint; then the chain is gone on with, as often as it takes."""
     out, deaths = tmp_path / "runs", Deaths(20)
     monkeypatch.setattr(chunk, "LONGEST", 0.0)  # one interval at a time
-    for name in ("_advance", "_write_frame", "_write_checkpoint"):
-        monkeypatch.setattr(TimeLoop, name, deaths.around(getattr(TimeLoop, name)))
+    for owner, name in ((TimeLoop, "_advance"), (RunWriter, "frame"), (RunWriter, "checkpoint")):
+        monkeypatch.setattr(owner, name, deaths.around(getattr(owner, name)))
     monkeypatch.setattr(TimeLoop, "_compile", compiled_once(TimeLoop._compile))
     scene = load_scene(STAGED)
     for _ in range(21):

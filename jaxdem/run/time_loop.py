@@ -1,10 +1,9 @@
-"""The time loop: coupled steps on the device, errors, output, checkpoints and progress on the host."""
+"""The time loop: coupled steps on the device; errors, signals, progress and when to write on the host."""
 
 from __future__ import annotations
 
 import contextlib
 import dataclasses
-import json
 import time as clock
 from collections.abc import Callable
 from fractions import Fraction
@@ -14,7 +13,6 @@ from typing import Any, NoReturn
 import jax
 from jax import Array
 
-from jaxdem.closures.ensemble import EnsembleClosure
 from jaxdem.coupling.exchange_result import FluidForces
 from jaxdem.errors import RunError, required
 from jaxdem.failures import OF_PARTICLES, Failure
@@ -23,19 +21,14 @@ from jaxdem.particles.neighbors import Neighbors
 from jaxdem.run.chunk import CHUNK, Program
 from jaxdem.run.diagnosis import diagnosis
 from jaxdem.run.instant import Instant
-from jaxdem.run.observer import PROBES, Observer, probe_marks
+from jaxdem.run.observer import Observer, probe_marks
 from jaxdem.run.parts import PARTS
 from jaxdem.run.peers import Peers, here
 from jaxdem.run.placement import OneDevice, Placement
-from jaxdem.run.probing import Probed
-from jaxdem.run.records import ensemble_spread, frame_of, history_of
-from jaxdem.run.restart import about, origin, require_same_origin, require_same_rows
-from jaxdem.run.samples import sample_of
 from jaxdem.run.signals import Caught, Stopped
-from jaxdem.run.summary import run_summary
 from jaxdem.run.totals import Totals
+from jaxdem.run.writer import RunWriter
 from jaxdem.setup.builder import Case
-from jaxdem.setup.stored import stored
 from jaxdem.setup.time_steps import exact_time
 from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters, State
@@ -72,7 +65,7 @@ class TimeLoop:
         peers: processes that run this loop alike; what their clocks and signals decide they agree on.
         placement: where the state is; on one device if None.
         forces: of the fluid in the last interval, None before the first and without fluid or particles.
-        observer: the probes.
+        writer: of the files.
     """
 
     case: Case
@@ -87,20 +80,22 @@ class TimeLoop:
     peers: Peers = dataclasses.field(default_factory=here)
     placement: Placement | None = None
     forces: FluidForces | None = None
-    observer: Observer = dataclasses.field(init=False)
+    writer: RunWriter = dataclasses.field(init=False)
     program: Program = dataclasses.field(init=False)
 
     def __post_init__(self) -> None:
         self._most, self._failed = 1, False
         self._identity: Array | None = None
-        self.observer = Observer(self.case.probes)
+        placement = OneDevice(self.case) if self.placement is None else self.placement
+        self.writer = RunWriter(self.case, self.directory, placement, Observer(self.case.probes), self.totals)
         self.observer.fit(self.state, self.neighbors, self.parameters.gravity.dtype)
         if self.case.start is not None:
             self.observer.go_on(self.case.start, probe_marks(self.case))
 
     @property
-    def _placement(self) -> Placement:
-        return OneDevice(self.case) if self.placement is None else self.placement
+    def observer(self) -> Observer:
+        """The probes."""
+        return self.writer.observer
 
     @property
     def simulation(self) -> Simulation:
@@ -120,7 +115,11 @@ class TimeLoop:
     @property
     def instant(self) -> Instant:
         """Where the run has got to, with arrays of all particles and cells."""
-        return self._placement.whole(Instant(self.time, self.state, self.neighbors, self.forces, self._identity))
+        return self.writer.placement.whole(self._placed)
+
+    @property
+    def _placed(self) -> Instant:
+        return Instant(self.time, self.state, self.neighbors, self.forces, self._identity)
 
     def _time_after(self, intervals: int) -> Fraction:
         per_output = self.simulation.steps.intervals_per_output
@@ -174,7 +173,7 @@ class TimeLoop:
                 given = {part.name: part.start(self.case, instant) for part in PARTS}
             self.totals.at_start = {name: value for name, value in given.items() if value is not None}
             if self.directory.frames == 0:
-                self._write_frame()
+                self.writer.frame(self._placed)
 
     def advance(self) -> bool:
         """Intervals up to the next one after which the host has to look, with what is then due written.
@@ -182,33 +181,23 @@ class TimeLoop:
         Returns:
             whether an output was written.
         """
-        before, done = self.state, self.done
+        before, done = Instant(self.time, self.state, None, None), self.done
         self._advance(self._next_stop() - done)
         if self.forces is not None and self._is_sampled(self.done) and self.done > done:
-            self._write_sample(before, self.forces)
+            self.writer.sample(before, dataclasses.replace(self._placed, neighbors=None))
         at_output = self.done % self.simulation.steps.intervals_per_output == 0 and self.done > done
         if at_output:
-            self._write_frame()
+            self.writer.frame(self._placed)
         return at_output
 
     def place(self) -> None:
         """The state, of one device until now, goes to where it is to be."""
-        self.state, self.neighbors = self._placement.placed(self.state, self.neighbors)
-        self._fit_probes()
+        self.state, self.neighbors = self.writer.placement.placed(self.state, self.neighbors)
+        self.writer.fit_probes(self.state, self.neighbors)
 
     def restore(self) -> None:
         """State, list and counters from the directory's checkpoint, files cut back to it."""
-        arrays, attributes = self.directory.checkpoint()
-        require_same_rows(arrays, self.state, attributes)
-        require_same_origin(attributes, self._origin())
-        state, neighbors, extra = self._placement.restored(self.state, arrays, attributes)
-        self.state, self.neighbors = state, neighbors
-        self._fit_probes()
-        self.observer.load(arrays)
-        self.totals.load(extra, bool(self.case.fluid_walls.walls))
-        self.done = int(stored(extra, "done"))
-        lines = self.directory.lines_before(attributes)
-        self.directory.cut_back(int(attributes["frames"]), int(attributes["samples"]), lines)
+        self.state, self.neighbors, self.done = self.writer.restored(self.state)
 
     def _advance_to_end(self, progress: Progress | None) -> None:
         saved = clock.perf_counter()
@@ -275,7 +264,8 @@ class TimeLoop:
             self.forces, self.done = chunk.diagnostics.forces, self.done + done
             self._identity = chunk.identity
             self.totals.add(chunk.records, done)
-            self._take_rows(chunk.probed)
+            if chunk.probed is not None:
+                self.writer.rows(chunk.probed, self._time_of, self.time)
         # What else is wrong with particles that missed some of their contacts may come of it.
         elif code & Failure.OVERFLOW and not code & ~OF_PARTICLES and self.neighbors is not None:
             self._enlarge(self.neighbors, required(chunk.neighbors, "neighbors"))
@@ -286,16 +276,16 @@ class TimeLoop:
         """The error of the interval from the present state to `reached`."""
         self._failed = True
         instants = (Instant(self.time, state, self.neighbors, None) for state in (self.state, reached))
-        before, after = (self._placement.whole(instant).state for instant in instants)
+        before, after = (self.writer.placement.whole(instant).state for instant in instants)
         reason, where, remedy = diagnosis(self.simulation, self.parameters, code, before, after)
         raise RunError(reason, where, self.time, remedy)
 
     def _enlarge(self, neighbors: Neighbors, failed: Neighbors) -> None:
         """A neighbour list with half as much room again, or on several devices what was lacking; the contact history
         moves along."""
-        self.state, self.neighbors = self._placement.enlarged(self.state, neighbors, failed)
+        self.state, self.neighbors = self.writer.placement.enlarged(self.state, neighbors, failed)
         self.totals.resizes += 1
-        self._fit_probes()
+        self.writer.fit_probes(self.state, self.neighbors)
         self._compile()
 
     def _compile(self) -> None:
@@ -318,53 +308,14 @@ class TimeLoop:
         with self.totals.timed("compile"), self.caught.raised():
             timed = self.totals.timed if self.profile else None
             given = (self.state, self.neighbors, self.observer.watch, timed)
-            self.program = self.caught.wait_for(lambda: self._placement.program(*given))
+            self.program = self.caught.wait_for(lambda: self.writer.placement.program(*given))
 
-    def _fit_probes(self) -> None:
-        """What the probes sum up, in the shapes of the present list."""
-        self.observer.fit(*self._placement.seen(self.state, self.neighbors), self.parameters.gravity.dtype)
-
-    def _take_rows(self, probed: Probed | None) -> None:
-        """Rows of probes that became due in a chunk; they are on disk before the checkpoint after them."""
-        if probed is not None:
-            with self.totals.timed("output"):
-                time = lambda step: float(self._time_after(step - self._first))  # noqa: E731
-                self.observer.take(probed, time, self._placement.selected)
-                self.observer.write(self.directory, self.time, always=False)
-
-    def _write_sample(self, before: State, forces: FluidForces) -> None:
-        """What the drag law saw and gave in the interval that began with `before`."""
-        with self.totals.timed("output"):
-            instants = (Instant(0.0, state, None, forces, self._identity) for state in (before, self.state))
-            whole = tuple(self._placement.whole(instant) for instant in instants)
-            sample = sample_of(self.case, whole[0].state, whole[1].state, required(whole[1].forces, "forces"))
-            self.directory.write_sample(self.directory.samples, float(self._time_after(self.done - 1)), sample)
-
-    def _write_frame(self) -> None:
-        with self.totals.timed("output"):
-            instant = self.instant
-            frame = frame_of(self.case, instant)
-            row = history_of(self.case, instant, frame, self.totals.means())
-            if instant.forces is not None and isinstance(self.parameters.closure, EnsembleClosure):
-                spread, force = ensemble_spread(self.parameters.closure, instant.forces)
-                self.totals.add_spread(float(spread), float(force))
-            self.directory.write_frame(self.directory.frames, self.time, frame, row)
+    def _time_of(self, step: int) -> float:
+        """Simulated time after so many intervals of this run and the ones that it goes on from [s]."""
+        return float(self._time_after(step - self._first))
 
     def _write_checkpoint(self) -> None:
-        with self.totals.timed("output"):
-            self.observer.write(self.directory, self.time)
-            extra = self.totals.save() | {"done": self.done}
-            rows, known = about(self.case, self._time_after(self.done))
-            saved = self._placement.saved(self.state, self.neighbors, extra)
-            written = {"frames": self.directory.frames, "samples": self.directory.samples}
-            marks = {PROBES: json.dumps(probe_marks(self.case))} if self.case.probes else {}
-            attributes = written | known | marks | self._origin() | dict(saved.attributes)
-            self.directory.write_checkpoint(saved.same | rows | self.observer.save(), attributes, saved.blocks)
-
-    def _origin(self) -> dict[str, str]:
-        case = self.case
-        return origin(case.scene.to_toml(), self.parameters, case.scene.content, case.start)
+        self.writer.checkpoint(self.state, self.neighbors, self.done, self._time_after(self.done))
 
     def _summary(self, valid: bool, reason: str, split_stages: bool = True) -> dict[str, Any]:
-        summary = run_summary(self.case, self.instant, self.totals, valid, reason, split_stages)
-        return summary | self._placement.figures(self.neighbors)
+        return self.writer.summary(self.instant, self.neighbors, valid, reason, split_stages)
