@@ -17,7 +17,7 @@ from jaxdem.check.engineering import Number, ScreenLoad, engineering_numbers, sc
 from jaxdem.check.grain_figures import particle_figures
 from jaxdem.check.heat import heat_numbers
 from jaxdem.check.mesh_rows import mesh_cautions, mesh_rows
-from jaxdem.check.over_devices import WORKING_COPIES, DeviceReport, check_devices
+from jaxdem.check.over_devices import WORKING_COPIES, DeviceReport, check_devices, processes_that_pay
 from jaxdem.check.packs import bond_rows, pack_rows
 from jaxdem.check.probe_rows import probe_cautions, probe_rows
 from jaxdem.check.program import compiled_parts, population_rows
@@ -78,6 +78,8 @@ class CheckReport:
         meshes: walls that are meshes, as (key, text).
         start: what the scene begins from, see `Case.start_figures`; {} where it begins at t = 0.
         devices: what it will be on several devices; None where none are asked for.
+        processes: what it would be in as many processes as this machine has cores for and are worth it; None for one,
+            and where devices are asked for.
         compiled_in: parts of the model that are in the program.
         left_out: parts that are not.
     """
@@ -115,6 +117,7 @@ class CheckReport:
     meshes: tuple[tuple[str, str], ...]
     start: dict[str, object]
     devices: DeviceReport | None
+    processes: DeviceReport | None
     compiled_in: tuple[str, ...]
     left_out: tuple[str, ...]
 
@@ -158,9 +161,11 @@ def check_scene(scene: Scene, start: StartPoint | None = None, devices: int | No
     load = screen_load(scene, simulation, parameters, case.grains, (count or 0) * grains)
     cost, memory = run_cost(simulation, neighbors), _memory(simulation, state, neighbors)
     void = _void_fraction(state)
-    over = None
+    over, processes = None, None
     if devices is not None and devices > 1:
         over = check_devices(case, devices, state, neighbors, memory)
+    elif devices is None:
+        processes = processes_that_pay(case, state, neighbors, memory, cost)
     compiled_in, left_out = compiled_parts(scene, simulation, parameters)
     warned = [sentence for of_part in CAUTIONS for sentence in of_part(case)]
     return CheckReport(
@@ -192,6 +197,7 @@ def check_scene(scene: Scene, start: StartPoint | None = None, devices: int | No
         meshes=mesh_rows(case),
         start=case.start_figures,
         devices=over,
+        processes=processes,
         compiled_in=compiled_in,
         left_out=left_out,
         **particle_figures(case),

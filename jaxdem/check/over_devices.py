@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import os
 from collections.abc import Mapping
 
 import jax
 import numpy as np
 
-from jaxdem.check.run_cost import CPU, GPU, run_cost
+from jaxdem.check.run_cost import CPU, GPU, RunCost, run_cost
 from jaxdem.devices.bonds import require_in_reach
 from jaxdem.devices.cut import slabs_of
 from jaxdem.devices.refused import require_divisible
 from jaxdem.devices.rooms import SlabRoom, equal_planes, listed_spheres, needed_room, slab_of
-from jaxdem.errors import required
+from jaxdem.errors import InputError, required
 from jaxdem.numerics.blocks import Blocks
 from jaxdem.particles.ghosts import Division
 from jaxdem.particles.integrate import ParticleState
@@ -38,6 +39,9 @@ WORTH = 0.8
 
 MOST = 1024
 """Numbers of devices up to this one are looked at."""
+
+LONG = 120.0
+"""A run is long enough to tell that several processes are faster if its contacts take so long [s]."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -129,6 +133,30 @@ def check_devices(
         float(times[1] / times[number]),
         useful,
     )
+
+
+def processes_that_pay(
+    case: Case, state: State, neighbors: Neighbors | None, memory: Mapping[str, int], cost: RunCost
+) -> DeviceReport | None:
+    """The scene in as many processes as are worth it on the cores of this machine.
+
+    Returns:
+        None where one process is as good: a short run, one of which the fluid is the larger part, one core, another
+        device than a CPU, or a scene that does not work on several devices.
+    """
+    if jax.default_backend() != "cpu" or cost.contacts < max(LONG, cost.fluid):
+        return None
+    number, report = len(os.sched_getaffinity(0)), None
+    while number > 1 and report is None:
+        try:
+            report = check_devices(case, number, state, neighbors, memory)
+        except InputError:  # not on so many: too narrow slabs, cells that are no multiple
+            number //= 2
+            continue
+        useful = report.useful or 1
+        if useful < number:
+            number, report = useful, None
+    return report
 
 
 def _one_table(case: Case, particles: ParticleState) -> Neighbors:

@@ -50,9 +50,9 @@ TWO_FLUIDS = 2.5
 
 CPU = Costs(
     launch=40e-6,
-    particle={2: 50e-9, 3: 60e-9},
-    pair={2: 25e-9, 3: 50e-9},
-    slot={2: 1.5e-9, 3: 3e-9},
+    particle={2: 35e-9, 3: 60e-9},
+    pair={2: 18e-9, 3: 50e-9},
+    slot={2: 1.1e-9, 3: 3e-9},
     fluid_launch=0.2e-3,
     cell={2: 100e-9, 3: 350e-9},
     exchange=1e-6,

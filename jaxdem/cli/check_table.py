@@ -225,6 +225,9 @@ def _wall_time(report: CheckReport) -> Iterable[tuple[str, str]]:
     parts = [("contacts", cost.contacts), ("fluid and exchange", cost.fluid), ("output", cost.output)]
     shares = ", ".join(f"{name} {_duration(time)}" for name, time in parts if time > 0.0)
     yield "run", f"{_duration(cost.total)} within a factor of {FACTOR:g} ({shares})"
+    if report.processes is not None and report.processes.shorter is not None:
+        several, times = report.processes.number, report.processes.shorter
+        yield "contacts use one core", f"about {times:.2g} times as fast with --processes {several} (docs/devices.md)"
     yield "compilation", f"about {cost.compiling:.2g} s the first time, in addition"
     text = f"costs per particle, pair and cell, measured on {cost.basis}"
     yield "basis", f"{text}; without learned closures"

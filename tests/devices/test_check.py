@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import jaxdem
+from jaxdem.check import over_devices
 from jaxdem.check.check import check_scene
 from jaxdem.cli.check_table import _devices as render_devices
 from jaxdem.cli.check_table import render
@@ -48,6 +49,20 @@ def test_small_scenes_are_not_helped_and_large_ones_are():
     with console.capture() as said:
         console.print(render(small))
     assert "Several devices do not help" in said.get()
+
+
+def test_cores_that_stand_idle_are_told_of(monkeypatch):
+    """As many processes as the cores that are worth it; nothing for a short run, on one core, and where it is asked."""
+    monkeypatch.setattr(over_devices, "LONG", 0.0)
+    told = {}
+    for cores in (1, 2, 6):
+        monkeypatch.setattr(over_devices.os, "sched_getaffinity", lambda _, cores=cores: set(range(cores)))
+        told[cores] = check_scene(scene_of()).processes
+    assert told[1] is None and told[2].number == 2 and told[2].shorter > 1.0
+    assert 2 <= told[6].number <= 6 and told[6].shorter >= told[2].shorter
+    assert check_scene(scene_of(), devices=2).processes is None
+    monkeypatch.setattr(over_devices, "LONG", np.inf)
+    assert check_scene(scene_of()).processes is None
 
 
 def test_grains_at_one_end_of_a_fluid_are_the_work_of_one_device():
