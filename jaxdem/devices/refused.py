@@ -31,20 +31,8 @@ def _bonds_in_a_population(simulation: Simulation) -> bool:
     return contact is not None and contact.model.bonds is not None and simulation.population is not None
 
 
-def _scalars_between_moving_walls(simulation: Simulation) -> bool:
-    # What cells hold that close goes to cells beside them, which may be in another slab.
-    walls = simulation.walls_in_fluid
-    return simulation.scalars is not None and walls is not None and bool(walls.change_place)
-
-
 REFUSED = (
     Refused("bonds", "...", "bonds between particles of which some leave or come in", _bonds_in_a_population),
-    Refused(
-        "walls.fluid",
-        "of a wall that changes its place",
-        "heat and scalars between walls that change their place in the fluid",
-        _scalars_between_moving_walls,
-    ),
     Refused(
         "surface",
         "...",

@@ -33,7 +33,8 @@ def scalars_in_slabs(blocks: Blocks, scalars: ScalarState, identity: Any, inlets
     supplied: Supplied = jax.tree.map(
         lambda array: np.stack([array, *[np.zeros_like(array)] * (blocks.number - 1)]), scalars.supplied
     )
-    return ScalarState(fields, grains, supplied, coming)
+    capacity: Any = None if scalars.capacity is None else cells_in_slabs(blocks, scalars.capacity)
+    return ScalarState(fields, grains, supplied, coming, capacity)
 
 
 def scalars_of_slabs(blocks: Blocks, scalars: ScalarState, identity: Any, count: int) -> ScalarState:
@@ -56,4 +57,5 @@ def scalars_of_slabs(blocks: Blocks, scalars: ScalarState, identity: Any, count:
         grains[number[there]] = scalars.grains[there]
     fields: Any = tuple(cells_of_slabs(blocks, field) for field in scalars.fields)
     supplied: Supplied = jax.tree.map(lambda array: np.sum(array, axis=0), scalars.supplied)
-    return ScalarState(fields, grains, supplied)
+    capacity: Any = None if scalars.capacity is None else cells_of_slabs(blocks, scalars.capacity)
+    return ScalarState(fields, grains, supplied, capacity=capacity)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple
 
 from jax import Array
@@ -71,12 +72,15 @@ def exchange_of_cells(grid: Grid, open_faces: FaceField, open_cells: Array, dist
     for axis, a in enumerate(open_faces):
         lower, upper = along(a, axis, None, -1), along(a, axis, 1, None)
         links.append(((lower, lower <= 0.0), (upper, upper <= 0.0)))
-        first, last = along(cut, axis, 0, 1), along(cut, axis, -1, None)
-        if not grid.periodic[axis]:
-            first = last = xp.zeros_like(first)
-        near = near | xp.concatenate((last, along(cut, axis, None, -1)), axis)
-        near = near | xp.concatenate((along(cut, axis, 1, None), first), axis)
+        none = xp.zeros_like(along(cut, axis, 0, 1))
+        before, after = beyond(grid, axis, cut, (-1,), (0,), partial(_both, none))
+        near = near | xp.concatenate((before, along(cut, axis, None, -1)), axis)
+        near = near | xp.concatenate((along(cut, axis, 1, None), after), axis)
     return exchange_with_surface(grid, None, Volumes(open_cells, distance, whole, near, tuple(links)))
+
+
+def _both(layer: Array) -> Ends:
+    return layer, layer
 
 
 def exchange_with_surface(grid: Grid, which: int | None, volumes: Volumes) -> Array:

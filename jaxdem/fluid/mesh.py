@@ -6,8 +6,8 @@ periodic axis the first and the last face are the same face, stored twice.
 
 On several devices a grid is that of one slab of the box (see `numerics.blocks`). Its arrays are those of the slab, and
 the face between two slabs is stored in both. What a stencil needs from beyond the ends of an array comes from here
-alone: `beyond`, `end_faces`, `with_ends` and `at_side` know whether an end is a side of the box, the other end of a
-periodic axis, or a border, across which the neighbour's layer is fetched.
+alone: `beyond`, `next_cells`, `end_faces`, `with_ends` and `at_side` know whether an end is a side of the box, the
+other end of a periodic axis, or a border, across which the neighbour's layer is fetched.
 
 Source: F. H. Harlow, J. E. Welch, Phys. Fluids 8 (1965) 2182-2189.
 """
@@ -144,6 +144,31 @@ def beyond(
         return layers(array, axis, below), layers(array, axis, above)
     ends = cut.from_both(layers(array, axis, above), layers(array, axis, below))
     return _at_sides(grid, axis, ends, outside)
+
+
+def next_cells(grid: Grid, axis: int, array: Array, upwards: bool = True) -> Array:
+    """What every cell's neighbour above along an axis has, or below. There is none beyond a side of the box: whatever
+    stands there, see `has_next`, is to be left out.
+
+    Args:
+        grid: the grid.
+        axis: to go along.
+        array: on cells, with any number of axes in front.
+        upwards: to the neighbour above.
+    """
+    place, cut = array.ndim - grid.dimension + axis, grid.cut_along(axis)
+    if cut is None:
+        return jnp.roll(array, -1 if upwards else 1, place)
+    if upwards:
+        return jnp.concatenate((along(array, place, 1, None), cut.from_upper(along(array, place, 0, 1))), place)
+    return jnp.concatenate((cut.from_lower(along(array, place, -1, None)), along(array, place, None, -1)), place)
+
+
+def has_next(grid: Grid, axis: int) -> Array | np.ndarray:
+    """Bool, whether a cell has a neighbour above along an axis; it broadcasts."""
+    inner = np.arange(grid.cells[axis]) < grid.cells[axis] - (0 if grid.periodic[axis] else 1)
+    inner, cut = inner.reshape([-1 if k == axis else 1 for k in range(grid.dimension)]), grid.cut_along(axis)
+    return inner if cut is None else inner | ~cut.is_last()
 
 
 def past_borders(grid: Grid, axis: int, array: Array, below: int, above: int, outside: Ends) -> Ends:

@@ -32,6 +32,7 @@ from jaxdem.fluid.cut_cells import CutCells
 from jaxdem.fluid.cut_friction import exchange_of_cells
 from jaxdem.fluid.cut_scalar import ScalarWalls
 from jaxdem.fluid.grid import CellOrOne, FaceField, Grid, along, divergence, sum_of
+from jaxdem.fluid.mesh import has_next, next_cells
 from jaxdem.numerics.host import namespace
 from jaxdem.scalars.scalar_state import ScalarState
 from jaxdem.solids.clipping import positive_part
@@ -150,44 +151,38 @@ def _given_away(grid: Grid, fluid: Array, held: Array) -> Array:
     closed = ~fluid & (held[0] > 0.0)
     ways = []
     for axis in range(grid.dimension):
-        upper, both = _beside(fluid, axis), _has_upper(grid, axis)
-        ways.append((closed & upper & both, fluid & _beside(closed, axis) & both))
+        upper, both = next_cells(grid, axis, fluid), has_next(grid, axis)
+        ways.append((closed & upper & both, fluid & next_cells(grid, axis, closed) & both))
     number = sum_of(
-        up.astype(held.dtype) + jnp.roll(down.astype(held.dtype), 1, axis) for axis, (up, down) in enumerate(ways)
+        up.astype(held.dtype) + next_cells(grid, axis, down.astype(held.dtype), upwards=False)
+        for axis, (up, down) in enumerate(ways)
     )
     share = held[0] / jnp.where(number > 0.0, number, 1.0)
-    down_share = (_beside(share, axis) for axis in range(grid.dimension))
+    down_share = (next_cells(grid, axis, share) for axis in range(grid.dimension))
     flows = zip(ways, down_share, strict=True)
-    return _moved(held, [jnp.where(up, share, 0.0) - jnp.where(down, other, 0.0) for (up, down), other in flows])
+    return _moved(grid, held, [jnp.where(up, share, 0.0) - jnp.where(down, other, 0.0) for (up, down), other in flows])
 
 
 def _evened(grid: Grid, open_faces: FaceField, wanted: Array, held: Array) -> Array:
     """The same after a part of what is too much has gone to cells that have less."""
     excess, flows = held[0] - wanted, []
     for axis, a in enumerate(open_faces):
-        is_open = (along(a, axis, 1, None) > 0.0) & _has_upper(grid, axis)
-        flows.append(jnp.where(is_open, (excess - _beside(excess, axis)) / (2.0 * grid.dimension), 0.0))
-    given = sum_of(jnp.maximum(f, 0.0) + jnp.roll(jnp.maximum(-f, 0.0), 1, k) for k, f in enumerate(flows))
+        is_open = (along(a, axis, 1, None) > 0.0) & has_next(grid, axis)
+        flows.append(jnp.where(is_open, (excess - next_cells(grid, axis, excess)) / (2.0 * grid.dimension), 0.0))
+    given = sum_of(
+        jnp.maximum(f, 0.0) + next_cells(grid, axis, jnp.maximum(-f, 0.0), upwards=False)
+        for axis, f in enumerate(flows)
+    )
     share = jnp.minimum(1.0, MOST * held[0] / jnp.where(given > 0.0, given, 1.0))
-    return _moved(held, [f * jnp.where(f > 0.0, share, _beside(share, k)) for k, f in enumerate(flows)])
+    below = (next_cells(grid, axis, share) for axis in range(grid.dimension))
+    return _moved(grid, held, [f * jnp.where(f > 0.0, share, other) for f, other in zip(flows, below, strict=True)])
 
 
-def _moved(held: Array, flows: list[Array]) -> Array:
+def _moved(grid: Grid, held: Array, flows: list[Array]) -> Array:
     """With capacity that goes from every cell to the next one along each axis, and what it holds."""
     own = held[:1]
     inside = jnp.where(own > 0.0, held / jnp.where(own > 0.0, own, 1.0), 0.0)
     for axis, flow in enumerate(flows):
-        carried = flow[None] * jnp.where(flow[None] > 0.0, inside, _beside(inside, axis + 1))
-        held = held - carried + jnp.roll(carried, 1, axis + 1)
+        carried = flow[None] * jnp.where(flow[None] > 0.0, inside, next_cells(grid, axis, inside))
+        held = held - carried + next_cells(grid, axis, carried, upwards=False)
     return held
-
-
-def _beside(cells: Array, axis: int) -> Array:
-    """The next cells along an axis."""
-    return jnp.roll(cells, -1, axis)
-
-
-def _has_upper(grid: Grid, axis: int) -> np.ndarray:
-    """Bool, whether a cell has a next one along an axis; it broadcasts."""
-    last = np.arange(grid.cells[axis]) < grid.cells[axis] - (0 if grid.periodic[axis] else 1)
-    return last.reshape([-1 if k == axis else 1 for k in range(grid.dimension)])

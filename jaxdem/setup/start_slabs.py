@@ -63,8 +63,10 @@ def _fluid(arrays: Mapping[str, np.ndarray]) -> FluidState:
 def _scalars(arrays: Mapping[str, np.ndarray]) -> ScalarState:
     """Temperatures and other scalars in slabs."""
     counted: Any = (arrays.get(f"{SCALARS}.supplied.{name}") for name in Supplied._fields)
-    grains, coming = (arrays.get(f"{SCALARS}.{name}") for name in ("grains", "coming"))
-    found: Any = ScalarState(_vector(arrays, f"{SCALARS}.fields"), grains, Supplied(*counted), coming)  # type: ignore[arg-type]
+    of_cells = _vector(arrays, f"{SCALARS}.fields")
+    rest: Any = (arrays.get(f"{SCALARS}.{name}") for name in ("grains", "coming", "capacity"))
+    grains, coming, capacity = rest
+    found: Any = ScalarState(of_cells, grains, Supplied(*counted), coming, capacity)  # type: ignore[arg-type]
     return found
 
 

@@ -16,6 +16,12 @@ SWINGING = [{"kind": "rotation", "rate": 1.5, "center": [0.45, 0.6]}]
 SLIDING = [{"kind": "translation", "velocity": [0.4, 0.0]}]
 RISING = [{"kind": "translation", "velocity": [0.0, 0.4]}]
 
+HEAT = {
+    "fluid_heat_capacity": 1000.0, "fluid_conductivity": 0.5, "fluid_temperature": 0.0,
+    "particle_heat_capacity": 100.0, "particle_temperature": -20.0,
+}  # fmt: skip
+"""From zero, so that little heat counts."""
+
 JET = {"left": {"kind": "inlet", "velocity": 0.5}, "right": {"kind": "outlet"}}
 
 
@@ -61,7 +67,7 @@ SCENES: dict[str, dict[str, Any]] = {
             CYLINDER | {"center": [0.66, 0.3], "end": 0.025},
         ]
     },
-    "grains": beside_grains(ALONG_X, body((0.19, 0.14), 0.06, motion=RISING)),
+    "grains": beside_grains(ALONG_X, body((0.19, 0.14), 0.06, motion=RISING, temperature=50.0)) | {"heat": HEAT},
     "grains, diffusion": beside_grains(JET, PLATE, void_fraction="diffusion"),
     "piston": before_column(0.5, cells=12),
 }

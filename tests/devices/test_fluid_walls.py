@@ -27,7 +27,8 @@ from tests.cases.slabs_beside_walls import CYLINDER, JET, SCENES
 )
 def test_flow_and_loads_are_those_of_one_device(name, number, axis):
     """After five intervals: fields within 1e-11, the same iterations of the pressure, and forces and torques on the
-    walls; of grains beside them places, velocities and forces. Volume and momentum balance, and nothing is gathered.
+    walls; of grains beside them places, velocities and forces, and temperatures of both. Volume and momentum balance,
+    and nothing is gathered.
 
     A slab has no more of the open parts than its cells, and the faces on its borders.
     """
@@ -57,6 +58,11 @@ def test_flow_and_loads_are_those_of_one_device(name, number, axis):
     assert np.abs(load[0, 0, 0]) > 0.0 and np.asarray(state.fluid.face_velocity[0]).std() > 0.0
     if state.particles is None:
         return
+    if state.scalars is not None:
+        scalars, wanted = (of.scalars for of in (devices.gathered(divided, slabs, lists)[0], state))
+        for found, expected in zip(jax.tree.leaves(scalars), jax.tree.leaves(wanted), strict=True):
+            np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10 * np.abs(expected).max())
+        assert np.ptp(wanted.fields[0]) > 0.01 and wanted.supplied.sides[0, -1] > 0.0
     assert figures.exchange.momentum < 1e-13 and figures.exchange.volume < 1e-13
     whole, _ = devices.gathered(divided, slabs, lists)
     for field in ("position", "velocity", "fluid_force"):
@@ -108,10 +114,3 @@ def test_a_run_beside_warm_walls_goes_on_as_on_one_device(tmp_path):
     assert np.abs(first.pressure_change).max() > 0.0
     size = np.abs(first.pressure).max()
     np.testing.assert_allclose(second.pressure_change, first.pressure_change, rtol=0, atol=1e-10 * size)
-
-
-def test_heat_between_walls_that_move_is_refused():
-    heat = {"fluid_heat_capacity": 1000.0, "fluid_conductivity": 0.5, "fluid_temperature": 300.0}
-    tables = SCENES["moving"] | {"walls": SCENES["moving"]["walls"][:2], "heat": heat}
-    with pytest.raises(InputError, match="heat and scalars between walls that change their place in the fluid"):
-        jaxdem.build(jaxdem.load_scene(tables), devices=2)

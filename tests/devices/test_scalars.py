@@ -3,14 +3,23 @@
 import shutil
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxdem
 from jaxdem import devices
 from jaxdem.failures import failures
+from jaxdem.fluid.cut_cells import CutCells
+from jaxdem.fluid.cut_scalar import ScalarWalls
+from jaxdem.fluid.mesh import Grid, next_cells
+from jaxdem.fluid.slabs import cells_in_slabs, cells_of_slabs
+from jaxdem.numerics.blocks import Blocks
+from jaxdem.scalars import moving_cells
+from jaxdem.scalars.moving_cells import Change, held_by_cells
+from jaxdem.scalars.scalar_state import ScalarState
 from jaxdem.setup.builder import build_case
-from tests.cases.fluid_slabs import ALONG_X, coupled_scene, fluid_scene, places
+from tests.cases.fluid_slabs import ALONG_X, SLABS, coupled_scene, fluid_scene, places, run_on_slabs
 from tests.cases.heat import chain_tables
 from tests.cases.slabs import apart
 
@@ -50,6 +59,49 @@ def test_conduction_across_a_border():
     assert abs(float(whole.scalars.supplied.walls) - walls) < 1e-12 * abs(walls)
     capacity = 2000.0 * 500.0 * np.pi / 6.0 * 0.01**3
     assert abs(capacity * np.sum(found - first) - walls) < 1e-12 * capacity * np.sum(first)
+
+
+@pytest.mark.parametrize(("periodic", "axis"), [(True, 0), (False, 1)])
+def test_what_closed_cells_held_goes_over_borders(periodic, axis, monkeypatch):
+    """Cells between two and all sides of whose borders have closed: what they hold and that in the open cells beside
+    them is that of one device, and kept. Without what the neighbours send it is not."""
+    grid, draw = Grid((8, 6), (0.8, 0.6), 1.0, (periodic, False)), np.random.default_rng(4)
+    fluid = draw.random(grid.cells) > 0.3
+    beside = [np.minimum(np.roll(fluid, 1, k), fluid) for k in range(2)]
+    faces = [np.concatenate((b, np.take(b, [0], k)), k) * draw.uniform(0.2, 1.0, grid.face_shape(k))
+             for k, b in enumerate(beside)]  # fmt: skip
+    for k, a in enumerate(faces):
+        a[(slice(None),) * k + (-1,)] = a[(slice(None),) * k + (0,)] = a[(slice(None),) * k + (0,)] * grid.periodic[k]
+    flux = [a * draw.normal(size=a.shape) for a in faces]
+    flux[0][-1] = flux[0][0]
+    cells = np.where(fluid, draw.uniform(0.3, 1.0, grid.cells), 0.0)
+    distance = draw.uniform(-0.05, 0.1, (9, 7))
+    distance[-1] = distance[0]
+    capacity, dye, after = (draw.uniform(0.3, 1.0, grid.cells) for _ in range(3))
+    blocks = Blocks(2, axis, grid.periodic[axis])
+
+    def held(grid, cells, faces, flux, distance, capacity, dye, after):
+        cut = CutCells(faces, cells, (), (), (), (), cells, distance=distance)
+        state = ScalarState((dye,), None, None, capacity=capacity)
+        walls = ScalarWalls(*[cells] * 3, None, None)
+        found = held_by_cells(grid, walls, state, Change(cut, flux, 1.0, after, jnp.asarray(0.02)))
+        return found.capacity, found.fields[0], found.before, found.after, found.walls.exchange, found.walls.area
+
+    def in_slabs(of_grid):
+        def parts(fields):
+            return tuple(cells_in_slabs(blocks, f, int(k == axis)) for k, f in enumerate(fields))
+
+        alone = (cells_in_slabs(blocks, x) for x in (capacity, dye, after))
+        given = cells_in_slabs(blocks, cells), parts(faces), parts(flux), cells_in_slabs(blocks, distance, 1), *alone
+        found, _ = run_on_slabs(2, lambda *of_slab: held(of_grid, *of_slab), [SLABS] * 7, given)
+        return [cells_of_slabs(blocks, x) for x in found]
+
+    expected = jax.jit(held, static_argnums=0)(grid, cells, tuple(faces), tuple(flux), distance, capacity, dye, after)
+    assert abs(jnp.sum(expected[0]) - np.sum(capacity)) < 1e-13 * np.sum(capacity)
+    for found, wanted in zip(in_slabs(grid.in_blocks(blocks)), expected, strict=True):
+        assert apart(wanted, found) < 1e-13
+    monkeypatch.setattr(moving_cells, "next_cells", lambda grid, *given, **ways: next_cells(grid.whole, *given, **ways))
+    assert apart(expected[1], in_slabs(grid.in_blocks(blocks))[1]) > 1e-3
 
 
 def test_fields_in_a_periodic_stream():
