@@ -7,7 +7,6 @@ import math
 from collections.abc import Callable, Iterable
 from typing import Any
 
-import jax
 import numpy as np
 
 from jaxdem.check.bond_numbers import bond_numbers
@@ -23,6 +22,7 @@ from jaxdem.check.probe_rows import probe_cautions, probe_rows
 from jaxdem.check.program import compiled_parts, population_rows
 from jaxdem.check.run_cost import RunCost, run_cost
 from jaxdem.check.unit_warnings import unit_warnings
+from jaxdem.check.walls_in_fluid import bytes_of, wall_memory
 from jaxdem.closures.subgrid import LARGEST_GRADIENT, LARGEST_VISCOSITY
 from jaxdem.fluid.interval import VISCOUS_LIMIT
 from jaxdem.particles.neighbors import Neighbors
@@ -34,7 +34,7 @@ from jaxdem.setup.builder import Case, build_case
 from jaxdem.setup.particles import ParticleSetup
 from jaxdem.setup.start_point import StartPoint
 from jaxdem.simulation import Simulation
-from jaxdem.state import State
+from jaxdem.state import Parameters, State
 
 RUNNING = "total while running"
 """Name of the sum of the memory."""
@@ -159,7 +159,7 @@ def check_scene(scene: Scene, start: StartPoint | None = None, devices: int | No
     grains = 1.0 if scene.particles is None else scene.particles.coarse_grain**scene.dimension
     count = None if state.particles is None else len(state.particles.position)
     load = screen_load(scene, simulation, parameters, case.grains, (count or 0) * grains)
-    cost, memory = run_cost(simulation, neighbors), _memory(simulation, state, neighbors)
+    cost, memory = run_cost(simulation, neighbors), _memory(simulation, parameters, state, neighbors)
     void = _void_fraction(state)
     over, processes = None, None
     if devices is not None and devices > 1:
@@ -254,13 +254,17 @@ def _model_viscous_limit(scene: Scene, simulation: Simulation, lowest: float | N
     return {"viscous_model": stability.viscous_time(viscosity, grid.spacing, VISCOUS_LIMIT)}
 
 
-def _memory(simulation: Simulation, state: State, neighbors: Neighbors | None) -> dict[str, int]:
+def _memory(
+    simulation: Simulation, parameters: Parameters, state: State, neighbors: Neighbors | None
+) -> dict[str, int]:
     """Estimates in bytes."""
     listed = neighbors if neighbors is None or not neighbors.meshes else neighbors.without_surfaces()
-    memory = {"particles": _bytes(state.particles), "neighbour list": _bytes(listed)}
-    memory["meshes"] = 0 if neighbors is None else _bytes(neighbors.surfaces)
+    memory = {"particles": bytes_of(state.particles), "neighbour list": bytes_of(listed)}
+    memory["meshes"] = 0 if neighbors is None else bytes_of(neighbors.surfaces)
     coupling = simulation.coupling
-    memory["fluid"] = _bytes(state.fluid)
+    memory["fluid"] = bytes_of(state.fluid)
+    memory["scalars"] = 0 if state.scalars is None else bytes_of(state.scalars)
+    memory |= wall_memory(simulation, parameters)
     memory["kernel weights"] = 0
     if coupling is not None and state.particles is not None:
         count, dimension = state.particles.position.shape
@@ -270,7 +274,3 @@ def _memory(simulation: Simulation, state: State, neighbors: Neighbors | None) -
         memory["kernel weights"] = count * of_one.index.size * (of_one.index.itemsize + real.itemsize)
     memory = {name: size for name, size in memory.items() if size}
     return memory | {RUNNING: WORKING_COPIES * sum(memory.values())}
-
-
-def _bytes(tree: object) -> int:
-    return sum(math.prod(leaf.shape) * leaf.dtype.itemsize for leaf in jax.tree.leaves(tree))

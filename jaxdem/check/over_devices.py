@@ -11,6 +11,7 @@ import jax
 import numpy as np
 
 from jaxdem.check.run_cost import CPU, GPU, RunCost, run_cost
+from jaxdem.check.walls_in_fluid import OF_BODIES, OF_CELLS, sent_for_walls
 from jaxdem.devices.bonds import require_in_reach
 from jaxdem.devices.cut import slabs_of
 from jaxdem.devices.refused import require_divisible
@@ -54,7 +55,8 @@ class DeviceReport:
         particles: of every device at the start.
         ghosts: of every device: particles of its neighbours.
         cells: of every device; 0 without a fluid.
-        sent: by every device in a contact step, and in an iteration of the pressure [B].
+        sent: by every device in a contact step, in an iteration of the pressure, and at most in an interval to cut the
+            mesh of the fluid anew, where walls change their place in it [B].
         memory: of every device while running [B].
         imbalance: particles of the fullest device at the start over their mean number; 1 is even [-].
         shorter: a contact step on one device over one on these [-]; None without particles.
@@ -66,7 +68,7 @@ class DeviceReport:
     particles: tuple[int, ...]
     ghosts: tuple[int, ...]
     cells: int
-    sent: tuple[int, int]
+    sent: tuple[int, int, int]
     memory: int
     imbalance: float
     shorter: float | None
@@ -97,10 +99,10 @@ def check_devices(
     cells = 0
     if simulation.fluid is not None:
         cells = math.prod(simulation.fluid.solver.grid.cells) // number
+    of_fluid = _pressure_bytes(case, blocks), sent_for_walls(case, blocks, state)
     if state.particles is None or neighbors is None:
-        each = WORKING_COPIES * memory.get("fluid", 0) // number
-        return DeviceReport(number, blocks.axis, (), (), cells, (0, _pressure_bytes(case, blocks)), each, 1.0,
-                            None, None)  # fmt: skip
+        each = _memory(case, memory, 0.0, number)
+        return DeviceReport(number, blocks.axis, (), (), cells, (0, *of_fluid), each, 1.0, None, None)
     counts, ghosts, room = _spread(case, blocks, state)
     item = state.particles.position.dtype.itemsize
     dimension = len(simulation.box)
@@ -127,7 +129,7 @@ def check_devices(
         tuple(map(int, counts)),
         tuple(map(int, ghosts)),
         cells,
-        (sent, _pressure_bytes(case, blocks)),
+        (sent, *of_fluid),
         _memory(case, memory, rows, number),
         float(max(counts) * number / max(sum(counts), 1)),
         float(times[1] / times[number]),
@@ -195,10 +197,15 @@ def _spread(case: Case, blocks: Blocks, state: State) -> tuple[np.ndarray, np.nd
 
 
 def _memory(case: Case, memory: Mapping[str, int], rows: float, number: int) -> int:
-    """Of every device while running [B]: of particles so many rows over all that there are, of the fluid its share,
-    and in whole the meshes, and what particles are where they differ."""
-    of_rows = sum(memory.get(part, 0) for part in ("particles", "neighbour list", "kernel weights"))
-    own = WORKING_COPIES * (rows * of_rows + memory.get("fluid", 0) / number + memory.get("meshes", 0))
+    """Of every device while running [B]: of particles so many rows over all that there are, of fluid, scalars and the
+    mesh that walls cut its share, and in whole the meshes, and what particles are where they differ."""
+    of_rows, of_cells, of_each = (
+        sum(memory.get(part, 0) for part in parts)
+        for parts in (
+            ("particles", "neighbour list", "kernel weights"), ("fluid", "scalars", OF_CELLS), ("meshes", OF_BODIES)
+        )
+    )  # fmt: skip
+    own = WORKING_COPIES * (rows * of_rows + of_cells / number + of_each)
     sizes = [leaf for leaf in jax.tree.leaves(case.parameters.bodies) if leaf.ndim]
     return int(own + sum(leaf.size * leaf.dtype.itemsize for leaf in sizes))
 

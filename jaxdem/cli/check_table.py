@@ -199,6 +199,8 @@ def _devices(report: DeviceReport) -> Iterable[tuple[str, str]]:
         yield "sent by each", f"{_size(report.sent[0])} in a contact step"
     if report.cells:
         yield "sent by each", f"{_size(report.sent[1])} in an iteration of the pressure"
+    if report.sent[2]:
+        yield "sent by each", f"{_size(report.sent[2])} in an interval to cut the mesh of the fluid anew"
     yield "memory of each", f"{_size(report.memory)} while running"
     if report.shorter is None or report.useful is None:
         return

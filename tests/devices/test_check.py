@@ -1,14 +1,19 @@
 """What `jaxdem check --devices` says."""
 
+import jax
 import numpy as np
 import pytest
+from jax.sharding import AbstractMesh, PartitionSpec
 
 import jaxdem
 from jaxdem.check import over_devices
 from jaxdem.check.check import check_scene
+from jaxdem.check.walls_in_fluid import sent_by
 from jaxdem.cli.check_table import _devices as render_devices
 from jaxdem.cli.check_table import render
 from jaxdem.errors import InputError
+from tests.cases.fluid_slabs import fluid_scene
+from tests.cases.slabs_beside_walls import CYLINDER, SLIDING
 
 
 def scene_of(**changes):
@@ -75,6 +80,39 @@ def test_grains_at_one_end_of_a_fluid_are_the_work_of_one_device():
     assert report.devices.shorter < 1.0 and report.devices.useful == 1
     shown = [text for name, text in render_devices(report.devices) if name == "uneven"]
     assert len(shown) == 1 and "4 times the mean number" in shown[0]
+
+
+def test_messages_of_a_program_are_added_up():
+    """A layer of 5 numbers of 8 bytes three times in a loop, and 2 in a branch."""
+
+    def program(x):
+        x = jax.lax.fori_loop(0, 3, lambda _, x: jax.lax.ppermute(x, "blocks", [(0, 1)]), x)
+        return jax.lax.cond(
+            x[0] > 0.0, lambda x: x.at[:2].set(jax.lax.ppermute(x[:2], "blocks", [(1, 0)])), lambda x: x, x
+        )
+
+    mesh = AbstractMesh((2,), ("blocks",))
+    program = jax.shard_map(program, mesh=mesh, in_specs=PartitionSpec(), out_specs=PartitionSpec(), check_vma=False)
+    assert sent_by(jax.make_jaxpr(program)(np.zeros(5)).jaxpr) == 8 * (3 * 5 + 2)
+
+
+def test_walls_in_the_fluid_count():
+    """A box of 24 x m cells, cut along x: every device has its part of the mesh that is cut by a wall, and sends layers
+    of m or m + 1 numbers in an interval in which a wall moves, nothing where it is at rest."""
+
+    def checked(across, *walls, devices=2):
+        tables = fluid_scene([24, across], {"right": {"kind": "outlet"}}) | {"walls": list(walls)}
+        return check_scene(jaxdem.load_scene(tables), devices=devices)
+
+    moving = CYLINDER | {"motion": SLIDING}
+    sent = [checked(m, moving).devices.sent[2] for m in (6, 8, 10)]
+    assert sent[2] - sent[1] == sent[1] - sent[0] > 20 * 2 * 8 and sent[0] > 3 * (sent[1] - sent[0])
+    bare, still = checked(6), checked(6, CYLINDER)
+    assert still.devices.sent[2] == 0 and still.devices.sent[1] == bare.devices.sent[1]
+    more = {name: still.memory[name] - bare.memory.get(name, 0) for name in ("mesh cut by walls", "fluid")}
+    assert still.devices.memory - bare.devices.memory == 3 * sum(more.values()) // 2
+    assert checked(6, CYLINDER, devices=4).devices.memory == still.devices.memory // 2
+    assert more["mesh cut by walls"] > 24 * 6 * 8 * 10, "open parts, links, friction and velocity of faces and cells"
 
 
 def test_what_cannot_be_divided_is_refused_by_name():
