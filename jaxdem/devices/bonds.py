@@ -8,7 +8,7 @@ import jax
 import numpy as np
 
 from jaxdem.errors import InputError
-from jaxdem.particles.bond_state import LEFT, BondState, KeptBonds, entries_of
+from jaxdem.particles.bond_state import LEFT, BondRecord, BondState, KeptBonds, entries_of
 from jaxdem.particles.neighbor_search import NeighborSearch
 from jaxdem.particles.pairs import Pairs
 
@@ -34,12 +34,13 @@ def require_in_reach(search: NeighborSearch, bonds: BondState | None) -> None:
         raise InputError("contact.skin", f"{search.geometry.skin:.4g} m", limit, "raise it")
 
 
-def bonds_in_slabs(bonds: BondState, table: np.ndarray) -> BondState:
+def bonds_in_slabs(bonds: BondState, table: np.ndarray, changes: bool) -> BondState:
     """What the grains of every slab keep, arrays of NumPy (B, ...), from the bonds of the whole box; not listed yet.
 
     Args:
         bonds: of the whole box.
         table: (B, R) identities of the rows, -1 for none.
+        changes: whether grains leave.
     """
     number, there = np.maximum(table, 0), table >= 0
     bond = np.asarray(bonds.pairs.entry) % len(bonds.status)
@@ -56,10 +57,27 @@ def bonds_in_slabs(bonds: BondState, table: np.ndarray) -> BondState:
         return of_slabs(np.asarray(values)[bond], otherwise)
 
     each: tuple[Any, Any] = jax.tree.map(of_bonds, (bonds.separation, bonds.separation_low))
-    kept = KeptBonds(of_slabs(partner.astype(np.int32), -1), *each, of_bonds(bonds.table), of_bonds(bonds.status, LEFT))
+    status = of_bonds(bonds.status, LEFT)
+    kept = KeptBonds(
+        of_slabs(partner.astype(np.int32), -1), *each, of_bonds(bonds.table), status, of_slabs(bond.astype(np.int32))
+    )
     turned: tuple[Any, Any] = jax.tree.map(of_slabs, (bonds.orientation, bonds.orientation_low))
     nothing: Any = None
-    return BondState(nothing, (), (), nothing, nothing, *turned, kept)
+    return BondState(nothing, (), (), nothing, nothing, *turned, kept, _record(bonds, len(table), changes))
+
+
+def _record(bonds: BondState, number: int, changes: bool) -> BondRecord:
+    """The record of so many slabs, arrays of NumPy (B, ...)."""
+    size = -(-len(bonds.status) // number)
+
+    def shares(values: Any) -> Any:
+        filled = np.pad(np.asarray(values), (0, number * size - len(values)), constant_values=-1)
+        return filled.reshape(number, size)
+
+    known: Any = np.stack([np.asarray(bonds.status).astype(np.int8)] * number) if changes else None
+    parts = BondRecord(bonds.pairs.first, bonds.pairs.second, bonds.table, bonds.separation, bonds.separation_low, None)
+    found: BondRecord = jax.tree.map(shares, parts)
+    return found._replace(status=known)
 
 
 def bonds_of_slabs(bonds: BondState, identity: np.ndarray, there: np.ndarray, count: int) -> BondState:
@@ -72,32 +90,34 @@ def bonds_of_slabs(bonds: BondState, identity: np.ndarray, there: np.ndarray, co
         count: N.
     """
     kept: Any = bonds.kept
-    owner = np.broadcast_to(identity[:, None], kept.partner.shape)
-    # Both grains keep a bond: that of the first one is taken.
-    own = there[:, None] & (kept.partner > owner)
-    first, second = owner[own], kept.partner[own]
-    order = np.lexsort((second, first))
-    first, second = first[order], second[order]
+    record: Any = bonds.record
+    own = there[:, None] & (kept.partner >= 0)
+    number = np.count_nonzero(record.first >= 0)
+    status = np.zeros(number, np.int32) if record.status is None else record.status.max(axis=0).astype(np.int32)
+    np.maximum.at(status, kept.number[own], kept.status[own])
+    status[-1] = LEFT  # of the empty one, which no grain keeps
 
-    def of_bonds(values: Any, last: float) -> Any:
-        return np.append(values[own][order], last).astype(values.dtype)
+    def of_bonds(values: Any) -> Any:
+        return values.reshape(-1)[:number]
 
-    def of_grains(values: Any) -> Any:
-        whole = np.zeros(count, values.dtype)
+    def of_grains(values: Any, otherwise: float = 0.0) -> Any:
+        whole = np.full(count, otherwise, values.dtype)
         whole[identity[there]] = values[there]
         return whole
 
-    rows: tuple[Any, Any] = (np.append(first, 0).astype(np.int32), np.append(second, 0).astype(np.int32))
-    entry: Any = entries_of(first, second, count).astype(np.int32)
-    separation = tuple(of_bonds(x, float(axis == 0)) for axis, x in enumerate(kept.separation))
-    low = tuple(None if x is None else of_bonds(x, 0.0) for x in kept.separation_low)
-    turned: tuple[Any, Any] = jax.tree.map(of_grains, (bonds.orientation, bonds.orientation_low))
-    return BondState(
-        Pairs(*rows, entry), separation, low, of_bonds(kept.table, 0), of_bonds(kept.status, LEFT), *turned
-    )
+    parts: Any = (record.first, record.second, record.separation, record.separation_low, record.table)
+    first, second, separation, low, table = jax.tree.map(of_bonds, parts)
+    entry: Any = entries_of(first[:-1], second[:-1], count).astype(np.int32)
+    known: Any = status
+    # Grains that are not there are not turned.
+    turned = tuple(of_grains(q, 0.0 if k else 1.0) for k, q in enumerate(bonds.orientation))
+    turned_low = tuple(None if q is None else of_grains(q) for q in bonds.orientation_low)
+    return BondState(Pairs(first, second, entry), separation, low, table, known, turned, turned_low)
 
 
-def blank_kept(bonds: BondState, blank: Any) -> BondState:
-    """The bonds of the whole box with a place for what grains of slabs keep, as a template of a checkpoint."""
+def blank_kept(bonds: BondState, blank: Any, changes: bool) -> BondState:
+    """The bonds of the whole box with a place for what grains and slabs keep, as a template of a checkpoint; `changes`
+    is whether grains leave."""
     parts: tuple[Any, Any] = jax.tree.map(lambda x: blank, (bonds.separation, bonds.separation_low))
-    return bonds._replace(kept=KeptBonds(blank, *parts, blank, blank))
+    record = BondRecord(blank, blank, blank, *parts, blank if changes else None)
+    return bonds._replace(kept=KeptBonds(blank, *parts, blank, blank, blank), record=record)

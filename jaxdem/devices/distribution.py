@@ -99,7 +99,8 @@ def _particles(
     rows_of_all = _rows(particles, table)
     if particles.bonds is not None:
         require_in_reach(search, particles.bonds)
-        rows_of_all = rows_of_all._replace(bonds=bonds_in_slabs(particles.bonds, table))
+        changes = simulation.population is not None
+        rows_of_all = rows_of_all._replace(bonds=bonds_in_slabs(particles.bonds, table, changes))
     given = (rows_of_all, _no_ghosts(planes.astype(dtype), table, room, search.members), history, memory)
     rows, ghosts, history, memory = put(mesh, given)
     listing, everywhere = _first_list(simulation, room.listed), put(mesh, (parameters.bodies, meshes), SAME)

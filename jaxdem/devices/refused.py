@@ -25,14 +25,7 @@ class Refused(NamedTuple):
     there: Callable[[Simulation], bool]
 
 
-def _bonds_in_a_population(simulation: Simulation) -> bool:
-    # What is left of a bond both of whose grains have gone would be in no slab.
-    contact = simulation.contact
-    return contact is not None and contact.model.bonds is not None and simulation.population is not None
-
-
 REFUSED = (
-    Refused("bonds", "...", "bonds between particles of which some leave or come in", _bonds_in_a_population),
     Refused(
         "surface",
         "...",

@@ -40,6 +40,7 @@ class KeptBonds(NamedTuple):
         partner: (K, R) int32, identity of the other grain; -1 where there is no bond.
         separation, separation_low: D arrays (K, R) or Nones, see `BondState`; of the grain of the lower identity.
         table, status: (K, R) int32.
+        number: (K, R) int32, of the bond among all B of the box.
     """
 
     partner: Array
@@ -47,6 +48,26 @@ class KeptBonds(NamedTuple):
     separation_low: tuple[Low, ...]
     table: Array
     status: Array
+    number: Array
+
+
+class BondRecord(NamedTuple):
+    """All B bonds of a box in slabs, the empty one too, whether their grains are still there or not; see `BondState`.
+
+    Attributes:
+        first, second, table: (S,) int32, of the share of this slab: bonds k S to (k + 1) S of slab k, -1 beyond the
+            last one. They never change.
+        separation, separation_low: D arrays (S,) or Nones, the same.
+        status: (B,) int8, of bonds of which a grain has left this slab how they had ended, of others what was known
+            when the slabs were made; the largest of all slabs and grains counts. None where no grain ever leaves.
+    """
+
+    first: Array
+    second: Array
+    table: Array
+    separation: Vector
+    separation_low: tuple[Low, ...]
+    status: Array | None
 
 
 class BondState(NamedTuple):
@@ -67,6 +88,7 @@ class BondState(NamedTuple):
         orientation_low: 4 arrays (N,), trailing part; Nones in float64.
         kept: in a slab, whose list of pairs is of its rows and is made anew with that of the neighbours; None on one
             device.
+        record: in a slab; None on one device.
     """
 
     pairs: Pairs
@@ -77,6 +99,7 @@ class BondState(NamedTuple):
     orientation: Vector
     orientation_low: tuple[Low, ...]
     kept: KeptBonds | None = None
+    record: BondRecord | None = None
 
     @property
     def counted(self) -> Array | None:

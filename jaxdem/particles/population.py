@@ -149,6 +149,9 @@ def renewed(
     """
     before = particles.active
     particles = without_those_outside(population, particles)
+    if particles.bonds is not None:
+        stays = required(particles.active, "active of the particles")
+        particles = particles._replace(bonds=particles.bonds.without(stays))
     for number in range(len(population.inlets)):
         insertion = Insertion(population, number, contact.model.surfaces, entry)
         particles = insertion.with_those_due(particles, step)
@@ -169,7 +172,7 @@ def renewed(
 
 
 def without_those_outside(population: Population, particles: ParticleState) -> ParticleState:
-    """Those whose centre is beyond an exit taken out, at rest where they are."""
+    """Those whose centre is beyond an exit taken out, at rest where they are; their bonds are left as they are."""
     stays = required(particles.active, "active of the particles")
     for side in population.exits:
         along = particles.position[:, side.axis]
@@ -188,7 +191,6 @@ def without_those_outside(population: Population, particles: ParticleState) -> P
         fluid_force=None if fluid_force is None else kept(fluid_force),
         fluid_memory=jax.tree.map(kept, particles.fluid_memory),
         active=stays,
-        bonds=None if particles.bonds is None else particles.bonds.without(stays),
     )
 
 

@@ -3,6 +3,10 @@
 Each of two bonded grains keeps the bond, by the identity of the other, so that it goes to other slabs with either. When
 a neighbour list is made the bonds are listed by rows: those between own grains once, those across a border in both
 slabs, where both find the same load and the same end of the bond. No force travels.
+
+Of a bond that has lost a grain the other one knows that it has ended. Of one that has lost both nobody would, so that
+the slab notes how the bonds of a grain ended before its row is free for another: `BondRecord.status`. No bond comes
+back, so that of all that slabs and grains know of a bond the largest number holds.
 """
 
 from __future__ import annotations
@@ -18,7 +22,7 @@ from jaxdem.errors import required
 from jaxdem.numerics.blocks import Blocks
 from jaxdem.numerics.compensated import Low
 from jaxdem.particles.bond_state import INTACT, LEFT, BondState, KeptBonds
-from jaxdem.particles.ghosts import with_ghosts
+from jaxdem.particles.ghosts import Ghosts, with_ghosts
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.particles.pairs import Pairs, at, pairs_of
 
@@ -67,9 +71,37 @@ def noted(bonds: BondState) -> BondState:
     return bonds._replace(kept=kept._replace(status=status))
 
 
+def without_those_gone(blocks: Blocks, ghosts: Ghosts, bonds: BondState, stays: Array) -> BondState:
+    """The bonds after grains have left, whose bonds are in the record.
+
+    Args:
+        blocks, ghosts: of the slab.
+        bonds: with what the own grains keep.
+        stays: (R,) bool, whose grain has not left.
+    """
+    (there,) = with_ghosts(blocks, ghosts, (stays.astype(jnp.int32),))
+    bonds = noted(bonds.without(there > 0))
+    kept, record = required(bonds.kept, "what grains keep of bonds"), required(bonds.record, "record of the bonds")
+    known = required(record.status, "status of the record")
+    left = (ghosts.own & ~stays)[None] & (kept.partner >= 0)
+    number = jnp.where(left, kept.number, len(known))
+    known = known.at[number].max(kept.status.astype(known.dtype), mode="drop")
+    return bonds._replace(record=record._replace(status=known))
+
+
+def with_new_grains(bonds: BondState, new: Array) -> BondState:
+    """The bonds with grains in new rows (R,) bool: they have none, and are not turned."""
+    kept = required(bonds.kept, "what grains keep of bonds")
+    turned = tuple(jnp.where(new, 0.0 if k else 1.0, q) for k, q in enumerate(bonds.orientation))
+    low: tuple[Low, ...] = tuple(None if q is None else jnp.where(new, 0.0, q) for q in bonds.orientation_low)
+    kept = kept._replace(partner=jnp.where(new[None], -1, kept.partner))
+    return bonds._replace(kept=kept, orientation=turned, orientation_low=low)
+
+
 def rows_first(bonds: BondState) -> BondState:
-    """What goes along with the grains, with the axis of the rows in front; the list does not."""
+    """What goes along with the grains, with the axis of the rows in front; list and record do not."""
     nothing: dict[str, Any] = {"pairs": None, "separation": (), "separation_low": (), "table": None, "status": None}
+    nothing["record"] = None
     kept: KeptBonds = jax.tree.map(jnp.transpose, bonds.kept)
     return bonds._replace(**nothing, kept=kept)
 

@@ -21,6 +21,7 @@ from jaxdem.particles.ghosts import Division
 from jaxdem.particles.integrate import ParticleState, centres_in_box
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.particles.population import Entry, Insertion, Population, due_after, without_those_outside
+from jaxdem.particles.slab_bonds import with_new_grains, without_those_gone
 
 
 class _Rows(NamedTuple):
@@ -58,7 +59,10 @@ def renewed_in_slab(
     """
     division, ghosts = required(contact.division, "division"), required(neighbors.ghosts, "ghosts of a list")
     particles = without_those_outside(population, particles)
-    number = jnp.where(required(particles.active, "active"), required(particles.identity, "identity"), -1)
+    stays, bonds = required(particles.active, "active"), particles.bonds
+    if bonds is not None:
+        particles = particles._replace(bonds=without_those_gone(division.blocks, ghosts, bonds, stays))
+    number = jnp.where(stays, required(particles.identity, "identity"), -1)
     particles, lacking = particles._replace(identity=number), jnp.zeros((), jnp.int32)
     for inlet in range(len(population.inlets)):
         insertion = Insertion(population, inlet, contact.model.surfaces, entry)
@@ -110,6 +114,8 @@ class _Coming:
         )
         new, low = (rows.active & ~before)[:, None], particles.position_low
         particles = _lying(particles, new, rows.identity)
+        if particles.bonds is not None:
+            particles = particles._replace(bonds=with_new_grains(particles.bonds, new[:, 0]))
         particles = particles._replace(
             position=jnp.where(new, rows.position, particles.position),
             position_low=None if low is None else jnp.where(new, 0.0, low),

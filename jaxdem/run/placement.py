@@ -269,7 +269,8 @@ def _stored_slabs(case: Case, template: State, arrays: Arrays, number: int) -> t
         room, blank = [int(value) for value in stored(arrays, ROOM)], np.zeros(())
         particles: Any = template.particles
         if particles.bonds is not None:
-            particles = particles._replace(bonds=blank_kept(particles.bonds, blank))
+            bonds = blank_kept(particles.bonds, blank, case.simulation.population is not None)
+            particles = particles._replace(bonds=bonds)
         plain = case.simulation.without_levels()
         lists = plain.list_shapes(case.parameters, template.particles, Room.of(room[3:])).without_surfaces()
         parts: Any = {field.name: blank for field in dataclasses.fields(Ghosts) if not field.metadata.get("static")}

@@ -16,7 +16,7 @@ from jaxdem.devices.scalars import scalars_of_slabs
 from jaxdem.fluid.fluid_state import FluidState
 from jaxdem.fluid.slabs import fluid_of_slabs
 from jaxdem.numerics.blocks import Blocks
-from jaxdem.particles.bond_state import BondState, KeptBonds
+from jaxdem.particles.bond_state import BondRecord, BondState, KeptBonds
 from jaxdem.scalars.scalar_state import ScalarState, Supplied
 from jaxdem.setup.stored import ROWS, SLAB_AXIS, SLAB_COUNT, named, stored
 
@@ -74,14 +74,21 @@ def _bonds(arrays: Mapping[str, np.ndarray]) -> BondState | None:
     """What the grains of slabs keep of their bonds; None without."""
     if f"{BONDS}.kept.partner" not in arrays:
         return None
-    separation: Any = _vector(arrays, f"{BONDS}.kept.separation")
-    turned: Any = _vector(arrays, f"{BONDS}.orientation")
-    low: Any = _vector(arrays, f"{BONDS}.kept.separation_low") or (None,) * len(separation)
-    turned_low: Any = _vector(arrays, f"{BONDS}.orientation_low") or (None,) * len(turned)
-    partner, table, status = (stored(arrays, f"{BONDS}.kept.{name}") for name in ("partner", "table", "status"))
-    kept: Any = KeptBonds(partner, separation, low, table, status)  # type: ignore[arg-type]
+
+    def both_parts(name: str) -> dict[str, Any]:
+        high = _vector(arrays, f"{BONDS}.{name}")
+        low = _vector(arrays, f"{BONDS}.{name}_low") or (None,) * len(high)
+        kind = name.split(".")[-1]
+        return {kind: high, f"{kind}_low": low}
+
+    def named_parts(place: str, names: tuple[str, ...]) -> dict[str, Any]:
+        return both_parts(f"{place}.separation") | {name: stored(arrays, f"{BONDS}.{place}.{name}") for name in names}
+
+    kept = KeptBonds(**named_parts("kept", ("partner", "table", "status", "number")))
+    known: Any = arrays.get(f"{BONDS}.record.status")
+    record = BondRecord(**named_parts("record", ("first", "second", "table")), status=known)
     nothing: Any = None
-    return BondState(nothing, (), (), nothing, nothing, turned, turned_low, kept)
+    return BondState(nothing, (), (), nothing, nothing, **both_parts("orientation"), kept=kept, record=record)
 
 
 def _vector(arrays: Mapping[str, np.ndarray], name: str) -> Any:
