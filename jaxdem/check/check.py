@@ -130,6 +130,7 @@ ROWS: tuple[Callable[[ParticleSetup | None], Iterable[tuple[str, str]]], ...] = 
 
 CAUTIONS: tuple[Callable[[Case], Iterable[str]], ...] = (
     lambda case: unit_warnings(case.scene),
+    lambda case: case.unread,
     probe_cautions,
     mesh_cautions,
 )

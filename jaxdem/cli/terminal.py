@@ -91,7 +91,7 @@ def print_run(result: Run) -> None:
         rows["merged"] = merge_text(merge)
     if told := energy_text(summary.get("energy", {})):
         rows["energy"] = told
-    for label, text in rows.items():
+    for label, text in [*rows.items(), *(("not read", sentence) for sentence in summary.get("unread_keys", ()))]:
         line(f"{label:<10}{text}")
 
 

@@ -10,6 +10,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from jaxdem.errors import InputError
 from jaxdem.scene.base import Abscissae, Corner, Finite, NonNegative, Section, check_table, wrong
 from jaxdem.scene.domain import Box
+from jaxdem.scene.unread import ReadWith
 
 KIND_ALIASES = {
     "wall": "no_slip",
@@ -73,7 +74,7 @@ class BoundarySide(Section):
     velocity: Velocity | None = None
     from_: Corner | None = Field(default=None, alias="from")
     to: Corner | None = None
-    ramp_time: NonNegative | None = None
+    ramp_time: Annotated[NonNegative | None, ReadWith(".kind = inlet", ".kind = moving_wall")] = None
     times: Abscissae | None = None
     velocities: tuple[Velocity, ...] | None = None
     profile: Literal["uniform", "parabolic", "table"] | None = None

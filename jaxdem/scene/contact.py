@@ -9,6 +9,13 @@ from pydantic import Field, model_validator
 from jaxdem.scene.base import WALL, Fraction, NonNegative, Poisson, Positive, Section, WallMaterialName, wrong
 from jaxdem.scene.cohesion import Cohesion
 from jaxdem.scene.lubrication import Lubrication
+from jaxdem.scene.materials import HERTZ
+from jaxdem.scene.unread import ReadWith
+
+LINEAR = ReadWith("contact.law = linear_spring_dashpot")
+POISSON = ReadWith("contact.law = hertz_mindlin", "heat.particle_conductivity")
+ROLLS = ReadWith("contact.rolling_friction", "materials.K.rolling_friction", "material_pairs.K.rolling_friction")
+PARCELS = ReadWith("particles.coarse_grain")
 
 
 class Contact(Section):
@@ -43,24 +50,24 @@ class Contact(Section):
     """
 
     law: Literal["hertz_mindlin", "linear_spring_dashpot"] = "hertz_mindlin"
-    young_modulus: Positive = 7e7
-    poisson_ratio: Poisson = 0.3
+    young_modulus: Annotated[Positive, HERTZ] = 7e7
+    poisson_ratio: Annotated[Poisson, POISSON] = 0.3
     restitution: Fraction = 0.7
     friction: NonNegative = 0.5
     rolling_friction: NonNegative = 0.0
-    rolling_model: Literal["cdt", "epsd"] = "cdt"
-    rolling_damping: Fraction = 0.3
-    wall_young_modulus: Positive | Literal["rigid"] | None = None
-    wall_poisson_ratio: Poisson | None = None
+    rolling_model: Annotated[Literal["cdt", "epsd"], ROLLS] = "cdt"
+    rolling_damping: Annotated[Fraction, ReadWith(".rolling_model = epsd"), ROLLS] = 0.3
+    wall_young_modulus: Annotated[Positive | Literal["rigid"] | None, HERTZ] = None
+    wall_poisson_ratio: Annotated[Poisson | None, HERTZ] = None
     wall_friction: NonNegative | None = None
     wall_material: WallMaterialName | None = None
-    normal_stiffness: Positive | None = None
-    tangential_stiffness: NonNegative | None = None
+    normal_stiffness: Annotated[Positive | None, LINEAR] = None
+    tangential_stiffness: Annotated[NonNegative | None, LINEAR] = None
     time_step: Positive | Literal["auto"] = "auto"
     speed: Positive | Literal["auto"] = "auto"
     maximum_overlap: Annotated[float, Field(gt=0.0, le=0.5, strict=True)] = 0.2
     skin: Annotated[float, Field(gt=0.0, le=2.0, strict=True)] | Literal["auto"] = "auto"
-    parcel_loss: Literal["impact", "rate"] = "impact"
+    parcel_loss: Annotated[Literal["impact", "rate"], PARCELS] = "impact"
     cohesion: Cohesion | None = None
     lubrication: Lubrication | None = None
 

@@ -8,6 +8,7 @@ from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from jaxdem.errors import InputError
 from jaxdem.scene.base import Abscissae, NonNegative, Positive, Section, check_table, wrong
+from jaxdem.scene.unread import ReadWith
 
 
 def _window(value: int) -> int:
@@ -78,7 +79,7 @@ class Coupling(Section):
     drag_factor: NonNegative | tuple[NonNegative, ...] = 1.0
     drag_times: Abscissae | None = None
     void_fraction: Literal["kernel", "centre", "divided", "diffusion"] = "kernel"
-    kernel_width: Width = Width()
+    kernel_width: Annotated[Width, ReadWith(".void_fraction = kernel", ".void_fraction = diffusion")] = Width()
     interval: Positive | Literal["auto"] = "auto"
     lift: tuple[Literal["saffman_mei", "magnus"], ...] = ()
     rotational_drag: bool = Field(default=False, strict=True)
@@ -86,7 +87,7 @@ class Coupling(Section):
     basset: BassetWindow = 0
     self_disturbance: bool = Field(default=False, strict=True)
     polydisperse: bool = Field(default=False, strict=True)
-    own_volume: Literal["parcel", "grain"] = "parcel"
+    own_volume: Annotated[Literal["parcel", "grain"], ReadWith("particles.coarse_grain")] = "parcel"
     drag_inputs_coarsened: Annotated[int, Field(ge=1, le=1000, strict=True)] = 1
     deconvolution: NonNegative = 0.0
 

@@ -13,7 +13,11 @@ from jaxdem.scene.base import Finite, NonNegative, Positive, Section
 from jaxdem.scene.boundary import BoundarySide
 from jaxdem.scene.inlets import ParticleInlet
 from jaxdem.scene.particles import Particles
+from jaxdem.scene.unread import ReadWith
 from jaxdem.scene.walls import Wall
+
+IN_FLUID, AMONG_PARTICLES = ReadWith("fluid"), ReadWith("particles")
+"""What reads keys of heat between both."""
 
 TAKEN = ("temperature", "velocity", "pressure", "void_fraction", "time", "id", "active", "radius")
 """Names of arrays of a frame that no scalar may have."""
@@ -61,8 +65,8 @@ class Heat(Section):
     fluid_temperature: Finite | None = None
     expansion: Finite = 0.0
     reference_temperature: Finite | None = None
-    exchange: Literal["gunn", "ranz_marshall", "none"] = "gunn"
-    bed_conductivity: Literal["kuipers", "open"] = "kuipers"
+    exchange: Annotated[Literal["gunn", "ranz_marshall", "none"], IN_FLUID, AMONG_PARTICLES] = "gunn"
+    bed_conductivity: Annotated[Literal["kuipers", "open"], IN_FLUID, AMONG_PARTICLES] = "kuipers"
     particle_heat_capacity: Positive | None = None
     particle_temperature: Finite | None = None
     particle_conductivity: Positive | None = None

@@ -21,6 +21,10 @@ from jaxdem.scene.base import (
     wrong,
 )
 from jaxdem.scene.cohesion import Hamaker
+from jaxdem.scene.unread import ReadWith
+
+HERTZ = ReadWith("contact.law = hertz_mindlin")
+"""Of moduli: what reads them."""
 
 
 class Material(Section):
@@ -40,8 +44,8 @@ class Material(Section):
     """
 
     name: Name
-    young_modulus: Positive | None = None
-    poisson_ratio: Poisson | None = None
+    young_modulus: Annotated[Positive | None, HERTZ] = None
+    poisson_ratio: Annotated[Poisson | None, HERTZ] = None
     restitution: Fraction | None = None
     friction: NonNegative | None = None
     rolling_friction: NonNegative | None = None

@@ -21,6 +21,7 @@ from pydantic.fields import FieldInfo
 from jaxdem.errors import InputError
 from jaxdem.scene.base import Section
 from jaxdem.scene.scene import Scene
+from jaxdem.scene.unread import conditions
 
 NAMES = {float: "number", int: "whole number", str: "text", bool: "true or false"}
 LIMITS = {
@@ -160,6 +161,8 @@ def rows(model: type[BaseModel]) -> Iterator[tuple[str, str, str, str, str]]:
         if not text:
             raise ValueError(f"{model.__name__}.{name} has a unit and no meaning")
         text = text[0].upper() + text[1:] + "."
+        if read := ", and with ".join(map(str, conditions(field))):
+            text += f" Read with {read}."
         key = field.alias or name
         yield key, words(field.annotation, field.metadata), unit[1] if unit else "", default(field), text
 

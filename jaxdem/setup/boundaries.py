@@ -46,7 +46,7 @@ def scene_boundary(
             kind=table.kind,
             start=table.from_,
             stop=table.to,
-            ramp_time=table.ramp_time or 0.0,
+            ramp_time=(table.ramp_time or 0.0) if table.velocity or table.times else 0.0,
             profile=tuple(profiles[name]) if name in profiles else inlet_profiles(scene, name),
             times=table.times,
             own=conditions.get(name),

@@ -20,12 +20,13 @@ from jaxdem.errors import InputError
 from jaxdem.particles.neighbors import Neighbors, Room
 from jaxdem.probes.base import ScheduledProbe
 from jaxdem.scene import Scene
+from jaxdem.scene.unread import unread_keys
 from jaxdem.setup.bodies import NO_BODIES, Bodies
 from jaxdem.setup.boundaries import scene_boundary
 from jaxdem.setup.closures import drag_closure
 from jaxdem.setup.contact import contact_interval
 from jaxdem.setup.coupling import fluid_coupling
-from jaxdem.setup.extensions import Extensions, refuse_unknown
+from jaxdem.setup.extensions import Extensions, has_models, refuse_unknown
 from jaxdem.setup.fluid import fluid_interval, fluid_setup
 from jaxdem.setup.fluid_walls import FluidWalls, fluid_walls
 from jaxdem.setup.magnitudes import check_magnitudes, check_memory
@@ -60,6 +61,8 @@ class Case:
         probes: what is measured while it runs.
         start: state of the run that it begins from; None where it begins at t = 0.
         fluid_walls: what the fluid sees of the walls.
+        unread: a sentence for every key of the scene that nothing reads; none with models of the user's, which may read
+            any.
     """
 
     scene: Scene
@@ -69,6 +72,7 @@ class Case:
     probes: tuple[ScheduledProbe, ...] = ()
     start: StartPoint | None = None
     fluid_walls: FluidWalls = FluidWalls()
+    unread: tuple[str, ...] = ()
 
     def _beginning(self, start: StartPoint) -> Beginning:
         own = self.particles.start if isinstance(self.particles, StartedParticles) else start
@@ -241,7 +245,8 @@ def build_case(
     if scalar_surfaces is not None and scalars is not None:
         parameters = scalar_surfaces.put_into(parameters, [field.name for field in scalars.fields])
     probes = scene_probes(scene, steps, clock, 0 if particles is None else particles.total)
-    return Case(scene, particles, with_measured_walls(simulation, probes), parameters, probes, start, seen)
+    unread = () if has_models(extensions) else unread_keys(scene)
+    return Case(scene, particles, with_measured_walls(simulation, probes), parameters, probes, start, seen, unread)
 
 
 def _particles(scene: Scene, start: StartPoint | None) -> ParticleSetup | None:

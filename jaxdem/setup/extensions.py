@@ -58,3 +58,8 @@ def refuse_unknown(extensions: Extensions) -> None:
     for name in extensions.keys() - Extensions.__annotations__.keys():
         known = ", ".join(("closure", *Extensions.__annotations__))
         raise TypeError(f"build() got an unexpected keyword argument {name!r}; known: {known}")
+
+
+def has_models(extensions: Extensions) -> bool:
+    """Whether something stands in place of a model of the scene: walls are beside it."""
+    return any(part is not None for name, part in extensions.items() if name != "walls")

@@ -11,6 +11,7 @@ from jaxdem.run.parts.part import Part
 from jaxdem.run.parts.population import Population
 from jaxdem.run.parts.scalars import Temperatures
 from jaxdem.run.parts.two_fluids import TwoFluids
+from jaxdem.run.parts.unread import UnreadKeys
 from jaxdem.run.parts.walls import Pistons, WallsInFluid
 from jaxdem.run.parts.wear import Wear
 
@@ -29,5 +30,6 @@ PARTS: tuple[Part, ...] = (
     WallsInFluid(),
     Wear(),
     Energy(),
+    UnreadKeys(),
 )
 """In the order of their entries in summary.json."""
