@@ -13,6 +13,7 @@ import typer
 from typer.core import TyperGroup
 
 from jaxdem.cli import networks, options, process, run, study, terminal
+from jaxdem.cli.grouped_help import GroupedHelp
 from jaxdem.cli.inputs import (
     overrides,
     prepare_file,
@@ -145,7 +146,7 @@ def new(
     terminal.line(f"Wrote {place}. Next: jaxdem check {place}")
 
 
-app.command()(run.run)
+app.command(cls=GroupedHelp)(run.run)
 
 
 @app.command()
@@ -171,11 +172,11 @@ def dataset(
     terminal.line(f"Wrote {out}")
 
 
-app.command()(networks.train)
+app.command(cls=GroupedHelp)(networks.train)
 app.command()(networks.evaluate)
 app.command()(networks.distill)
 app.command()(networks.prune)
-app.command()(networks.finetune)
+app.command(cls=GroupedHelp)(networks.finetune)
 
 
 @app.command()

@@ -42,8 +42,6 @@ def train(
     epochs: options.Epochs = None,
     samples: options.Rows = None,
     hidden: options.Hidden = None,
-    activation: options.Activation = None,
-    loss: options.LossName = None,
     terms: options.Terms = None,
     features: options.Features = None,
     bounded: options.Bounded = False,
@@ -54,8 +52,8 @@ def train(
     """Train a drag closure on datasets; for testing the run of the last one is held out, or a tenth of the arrays of
     spheres."""
     changes: dict[str, Any] = {
-        "seed": seed, "epochs": epochs, "samples": samples, "activation": activation, "loss": loss,
-        "hidden": _widths(hidden), "terms": _names(terms), "features": _names(features), "bounded": bounded or None,
+        "seed": seed, "epochs": epochs, "samples": samples, "hidden": _widths(hidden),
+        "terms": _names(terms), "features": _names(features), "bounded": bounded or None,
     }  # fmt: skip
     prepare_file(out, *datasets)
     if recipe is options.Recipe.neighbours:
@@ -93,7 +91,7 @@ def _names(given: str | None) -> tuple[str, ...] | None:
 def _train_neighbours(data: Sequence[Path], out: Path, given: dict[str, Any], quiet: bool) -> None:
     """Train a closure of neighbours on forces on spheres."""
     chosen = {name: value for name, value in given.items() if value is not None}
-    for name in ("activation", "loss", "terms", "features", "bounded", "ensemble"):
+    for name in ("terms", "features", "bounded", "ensemble"):
         if name in chosen:
             limit = "is of the other recipes; a closure of neighbours has its own"
             raise InputError(f"--{name}", chosen[name], limit, f"Leave out --{name}.")
@@ -133,7 +131,6 @@ def distill(
     seed: options.Seed = None,
     epochs: options.Epochs = None,
     samples: options.Rows = None,
-    activation: options.SameActivation = None,
     quiet: options.Quiet = False,
 ) -> None:
     """Train a smaller network to give the same forces as a closure, on the inputs of datasets."""
@@ -144,7 +141,7 @@ def distill(
     from jaxdem.train import compress
 
     teacher, _ = load_stored(closure)
-    changes = {"seed": seed, "epochs": epochs, "samples": samples, "activation": activation, "hidden": layers}
+    changes = {"seed": seed, "epochs": epochs, "samples": samples, "hidden": layers}
     chosen, data = compress.settings_for(teacher, **changes), _read(datasets)
     with progress.counted("epoch", quiet) as report:
         result = compress.distill(teacher, data, chosen, report)

@@ -8,6 +8,12 @@ from typing import Annotated
 
 from typer import Argument, Option
 
+# Headings of the help, by `rich_help_panel`; an option without stands under Options. See `GroupedHelp`.
+CLOSURES, TRAINING, DEVICES = "Closures", "Training", "Several devices"
+FILTERED, NEIGHBOURS, NOT_NEIGHBOURS = (
+    "Recipe filtered alone", "Recipe neighbours alone", "Recipes filtered and paper alone",
+)  # fmt: skip
+
 
 class Scale(StrEnum):
     """Size of a study."""
@@ -131,6 +137,7 @@ DeviceCount = Annotated[
         min=1,
         help="Devices of the run, each with a part of the box; without cards so many parts on the processor, to try "
         "it out. [1]",
+        rich_help_panel=DEVICES,
     ),
 ]
 CheckedDevices = Annotated[
@@ -144,6 +151,7 @@ ProcessCount = Annotated[
         metavar="N",
         min=1,
         help="Start the run as N processes on this machine, one device each. Not needed under srun and mpirun.",
+        rich_help_panel=DEVICES,
     ),
 ]
 Profile = Annotated[bool, Option("--profile", help="Measure fluid and particles apart in every interval; slower.")]
@@ -210,58 +218,75 @@ RecipeName = Annotated[
     ),
 ]
 SizeName = Annotated[
-    Size | None, Option("--size", help="How large a closure of neighbours is, for the neighbours recipe. [large]")
+    Size | None, Option("--size", help="How large a closure of neighbours is. [large]", rich_help_panel=NEIGHBOURS)
 ]
-Seed = Annotated[int | None, Option("--seed", min=0, help="Random seed of weights, shuffling and choice of rows.")]
-Epochs = Annotated[int | None, Option("--epochs", min=1, help="Number of passes through the data.")]
+Seed = Annotated[
+    int | None, Option("--seed", metavar="N", min=0, help="Random seed of weights, shuffling and choice of rows.")
+]
+Epochs = Annotated[int | None, Option("--epochs", metavar="N", min=1, help="Number of passes through the data.")]
 FurtherEpochs = Annotated[
-    int | None, Option("--epochs", min=1, help="Number of passes through the data to train the smaller network.")
+    int | None,
+    Option("--epochs", metavar="N", min=1, help="Number of passes through the data to train the smaller network."),
 ]
-Rows = Annotated[int | None, Option("--samples", min=1, help="Largest number of training rows.")]
+Rows = Annotated[int | None, Option("--samples", metavar="N", min=1, help="Largest number of training rows.")]
 Hidden = Annotated[
     str | None, Option("--hidden", metavar="N-N-...", help="Widths of the hidden layers, e.g. 170-70-30.")
-]
-Activation = Annotated[str | None, Option("--activation", help="Activation of the hidden layers, e.g. elu.")]
-SameActivation = Annotated[
-    str | None,
-    Option("--activation", help="Activation of the hidden layers; that of the given closure by default."),
-]
-LossName = Annotated[
-    str | None, Option("--loss", help="Loss function: mse, mae, ...; the filtered recipe has its own.")
 ]
 Terms = Annotated[
     str | None,
     Option(
-        "--terms",
-        metavar="A,B",
-        help="Terms added to the drag, for the filtered recipe: void_fraction_gradient, ...",
+        "--terms", metavar="A,B", help="Terms added to the drag: void_fraction_gradient, ...", rich_help_panel=FILTERED
     ),
 ]
 Features = Annotated[
     str | None,
-    Option("--features", metavar="A,B", help="What the network sees, for the filtered recipe; by default all."),
+    Option("--features", metavar="A,B", help="What the network sees; by default all.", rich_help_panel=FILTERED),
 ]
 Bounded = Annotated[
-    bool, Option("--bounded", help="The factor on the base law is at most one, for the filtered recipe.")
+    bool, Option("--bounded", help="The factor on the base law is at most one.", rich_help_panel=FILTERED)
 ]
 Members = Annotated[
-    int | None, Option("--ensemble", metavar="N", min=2, help="Train N networks and write them as one closure.")
+    int | None,
+    Option(
+        "--ensemble",
+        metavar="N",
+        min=2,
+        help="Train N networks and write them as one closure.",
+        rich_help_panel=NOT_NEIGHBOURS,
+    ),
 ]
-KeptNeurons = Annotated[float, Option("--neurons", help="Fraction of the neurons of each layer that is kept.")]
+KeptNeurons = Annotated[
+    float, Option("--neurons", metavar="R", help="Fraction of the neurons of each layer that is kept.")
+]
 
 # Training through the solver.
 StartClosure = Annotated[
     Path | None,
-    Option("--closure", metavar="FILE", help="Drag closure to start from; that of the scene by default."),
+    Option(
+        "--closure",
+        metavar="FILE",
+        help="Drag closure to start from; that of the scene by default.",
+        rich_help_panel=CLOSURES,
+    ),
 ]
 StartSubgrid = Annotated[
-    str | None, Option("--subgrid", metavar="FILE", help="Learned subgrid stress to start from, or `new`.")
+    str | None,
+    Option(
+        "--subgrid", metavar="FILE", help="Learned subgrid stress to start from, or `new`.", rich_help_panel=CLOSURES
+    ),
 ]
 TrainedClosures = Annotated[
-    Trained | None, Option("--train", help="What is trained; by default all closures that are given.")
+    Trained | None,
+    Option("--train", help="What is trained; by default all closures that are given.", rich_help_panel=CLOSURES),
 ]
 SubgridOut = Annotated[
-    Path | None, Option("--subgrid-out", metavar="FILE", help="File for the subgrid stress, if both are trained.")
+    Path | None,
+    Option(
+        "--subgrid-out",
+        metavar="FILE",
+        help="File for the subgrid stress, if both are trained.",
+        rich_help_panel=CLOSURES,
+    ),
 ]
 Horizons = Annotated[
     str | None,
@@ -269,9 +294,20 @@ Horizons = Annotated[
         "--horizons",
         metavar="N,N,...",
         help="Length of the training runs in outputs of the reference, one number per stage.",
+        rich_help_panel=TRAINING,
     ),
 ]
-Updates = Annotated[int, Option("--updates", min=1, help="Number of updates in each stage.")]
-LearningRate = Annotated[float, Option("--learning-rate", help="Learning rate of Adam.")]
-MethodName = Annotated[Method, Option("--method", help="gradient: Adam. gradient-free: a search on a few parameters.")]
-OrderSeed = Annotated[int, Option("--seed", min=0, help="Random seed of the order of the start times.")]
+Updates = Annotated[
+    int, Option("--updates", metavar="N", min=1, help="Number of updates in each stage.", rich_help_panel=TRAINING)
+]
+LearningRate = Annotated[
+    float, Option("--learning-rate", metavar="R", help="Learning rate of Adam.", rich_help_panel=TRAINING)
+]
+MethodName = Annotated[
+    Method,
+    Option("--method", help="gradient: Adam. gradient-free: a search on a few parameters.", rich_help_panel=TRAINING),
+]
+OrderSeed = Annotated[
+    int,
+    Option("--seed", metavar="N", min=0, help="Random seed of the order of the start times.", rich_help_panel=TRAINING),
+]
