@@ -185,45 +185,61 @@ def contact_stability_limit(
     limit = math.inf
     for touching in range(min(walls - thin, free) + 1):
         count = min(max(neighbors, 0), ROOM[free][touching])
+        at_walls = _at_walls(wall, touching, thin)
         for factor, pair in pairs:
-            limit = min(limit, _limit_of(mass, free, factor, pair, count, wall, touching, thin, bonds))
+            limit = min(limit, _limit_of(mass, (_among_particles(pair, factor, count, free), at_walls), bonds))
     return limit
 
 
-def _limit_of(
-    mass: float,
-    free: int,
-    factor: float,
-    pair: LinearContact,
-    count: int,
-    wall: LinearContact,
-    touching: int,
-    thin: int,
-    bonds: Callable[[float], float] | None,
-) -> float:
-    """The limit for a particle with `count` neighbours, at `touching` single walls and between `thin` pairs of them."""
+class _Touching(NamedTuple):
+    """Contacts of one kind that a particle has at once; symbols of `contact_stability_limit`.
+
+    Attributes:
+        contact: each of them.
+        weight: 1 + q.
+        number: Z.
+        along: n_Z, as many act along one line at most.
+        axis: t_Z, as many act on one axis of rotation.
+        lopsided: s_Z, largest |sum of the normals|.
+    """
+
+    contact: LinearContact
+    weight: float
+    number: int
+    along: float
+    axis: float
+    lopsided: float
+
+
+def _among_particles(pair: LinearContact, weight: float, count: int, free: int) -> _Touching:
+    """Of `count` neighbours in so many free dimensions."""
     along = min(count, 2.0 + 0.25 * max(count - 2, 0), 4.0 if free == 3 else 3.0)
     axis = min(count, 6.0 + max(count - 6, 0) / 3.0)
+    return _Touching(pair, weight, count, along, axis, LOPSIDED[free][count])
+
+
+def _at_walls(wall: LinearContact, touching: int, thin: int) -> _Touching:
+    """At `touching` single walls and between `thin` pairs of them."""
     held = touching + 2 * thin
-    held_along = 2.0 if thin else min(held, 1.0)
-    kinds = (
-        (factor, pair, along, count, axis, LOPSIDED[free][count]),
-        (1.0, wall, held_along, held, held, math.sqrt(touching)),
-    )
+    return _Touching(wall, 1.0, held, 2.0 if thin else min(held, 1.0), held, math.sqrt(touching))
+
+
+def _limit_of(mass: float, kinds: Sequence[_Touching], bonds: Callable[[float], float] | None) -> float:
+    """The limit for a particle with these contacts [s]."""
 
     def largest(step: float) -> float:
         translation = rotation = cross = 0.0
-        for weight, contact, line, number, spin, lopsided in kinds:
+        for contact, weight, number, along, axis, lopsided in kinds:
             normal = weight * (step**2 * contact.normal + 4.0 * step * contact.normal_damping)
             spring, dashpot = step**2 * contact.tangential, step * contact.tangential_damping
             rolling = weight * (step**2 * contact.rolling + 2.0 * step * contact.rolling_damping)
-            translation += normal * line + weight * (spring + 4.0 * dashpot) * (number - line)
-            rotation += 2.5 * (weight * (spring + 2.25 * dashpot) * spin + rolling * number)
+            translation += normal * along + weight * (spring + 4.0 * dashpot) * (number - along)
+            rotation += 2.5 * (weight * (spring + 2.25 * dashpot) * axis + rolling * number)
             cross += math.sqrt(2.5) * weight * (spring + 3.0 * dashpot) * lopsided
         bonded = 0.0 if bonds is None else mass * bonds(step)
         return 0.5 * (translation + rotation) + math.hypot(0.5 * (translation - rotation), cross) + bonded
 
-    stiffness = sum(w * c.normal * line for w, c, line, *_ in kinds)
+    stiffness = sum(kind.weight * kind.contact.normal * kind.along for kind in kinds)
     if stiffness == 0.0:
         return math.inf
     low, high = 0.0, 2.0 * math.sqrt(mass / stiffness)
