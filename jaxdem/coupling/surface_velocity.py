@@ -8,8 +8,8 @@ from jax import Array
 
 from jaxdem.coupling.open_parts import mean_of_corners, places_in_box
 from jaxdem.fluid.cut_cells import CutCells
-from jaxdem.fluid.grid import FaceField, Grid, along, divergence
-from jaxdem.fluid.mesh import past_borders
+from jaxdem.fluid.grid import FaceField, Grid, along, divergence, own_layers
+from jaxdem.fluid.mesh import beyond
 from jaxdem.numerics.host import namespace
 from jaxdem.numerics.placement import Placement
 from jaxdem.numerics.vectors import Vector
@@ -76,7 +76,7 @@ def slopes_at_faces(grid: Grid, distance: Array, axis: int) -> Vector:
             slopes.append((along(near, k, 1, None) - along(near, k, None, -1)) / grid.spacing[k])
             continue
         steps = (along(near, k, 1, None) - along(near, k, None, -1)) / grid.spacing[k]
-        ends = past_borders(grid, k, steps, -1, 0, (along(steps, k, 0, 1), along(steps, k, -1, None)))
+        ends = beyond(grid, k, steps, (-1,), (0,), own_layers(steps, k))
         wide = xp.concatenate((ends[0], steps, ends[1]), k)
         slopes.append(0.5 * (along(wide, k, None, -1) + along(wide, k, 1, None)))
     return tuple(slopes)

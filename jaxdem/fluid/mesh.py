@@ -171,17 +171,6 @@ def has_next(grid: Grid, axis: int) -> Array | np.ndarray:
     return inner if cut is None else inner | ~cut.is_last()
 
 
-def past_borders(grid: Grid, axis: int, array: Array, below: int, above: int, outside: Ends) -> Ends:
-    """A layer beyond either end of an axis like `beyond`, but a periodic axis has ends too, where it is `outside`."""
-    cut = grid.cut_along(axis)
-    if cut is None:
-        return outside
-    row = dataclasses.replace(cut, periodic=False)
-    ends = row.from_both(layers(array, axis, (above,)), layers(array, axis, (below,)))
-    first, last = jnp.where(row.is_first(), outside[0], ends[0]), jnp.where(row.is_last(), outside[1], ends[1])
-    return first, last
-
-
 def end_faces(
     grid: Grid,
     axis: int,

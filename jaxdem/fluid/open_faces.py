@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.fluid.grid import FaceField, Grid, along
-from jaxdem.fluid.mesh import Ends, beyond, end_faces, past_borders
+from jaxdem.fluid.mesh import Ends, beyond, end_faces
 from jaxdem.numerics.host import namespace
 
 LEAST_OPEN = 0.01
@@ -26,11 +26,11 @@ def continued(grid: Grid, open_faces: FaceField, faces: FaceField) -> FaceField:
 
 
 def next_to(grid: Grid, values: Array, axis: int) -> Array:
-    """Sum of the two neighbours along an axis, of cells or faces, zero beyond the ends of the box."""
+    """Sum of the two neighbours along an axis, of cells or faces, zero beyond the sides of the box."""
     nothing = jnp.zeros_like(along(values, axis, 0, 1))
-    # A face on a border is in both slabs: what is sent is the one next to it.
+    # A face on a border or on a periodic side is stored twice: its neighbour is the one next to the other copy.
     shared = values.shape[axis] - grid.cells[axis]
-    below, above = past_borders(grid, axis, values, -1 - shared, shared, (nothing, nothing))
+    below, above = beyond(grid, axis, values, (-1 - shared,), (shared,), lambda: (nothing, nothing))
     before = jnp.concatenate((below, along(values, axis, None, -1)), axis)
     return before + jnp.concatenate((along(values, axis, 1, None), above), axis)
 

@@ -66,7 +66,7 @@ def mesh_distance(key: str, wall: Wall, scene: Scene, grid: Grid) -> SampledDist
     """
     mesh = _checked(key, wall, scene)
     reach = BAND * math.hypot(*grid.spacing)
-    around = mesh.repeated(grid.size, grid.periodic, reach)
+    around = _with_images(mesh, grid, reach)
     found = grid_distance(around, grid.spacing, tuple(n + 1 for n in grid.cells), reach)
     if _is_map(wall) and found.uncovered:
         limit = f"does not cover the box: {found.uncovered} lines of cells are beside the map"
@@ -90,7 +90,7 @@ def distance_of_body(key: str, wall: Wall, scene: Scene, grid: Grid) -> tuple[Bo
     """
     reach = BAND * math.hypot(*grid.spacing)
     mesh = _checked(key, wall, scene)
-    around = mesh.repeated(grid.size, grid.periodic, reach)
+    around = _with_images(mesh, grid, reach)
     lower, upper = around.bounds
     spacing = tuple(h / FINER for h in grid.spacing)
     origin = lower - reach
@@ -102,6 +102,14 @@ def distance_of_body(key: str, wall: Wall, scene: Scene, grid: Grid) -> tuple[Bo
     seen = np.asarray(body.distance(values, tuple(np.meshgrid(*lines, indexing="ij"))))  # type: ignore[arg-type]
     _check_thickness(_source(key, wall), wall, mesh, grid, seen)
     return body, values
+
+
+def _with_images(mesh: SurfaceMesh, grid: Grid, reach: float) -> SurfaceMesh:
+    """The mesh with its images across periodic sides that are within reach of the box; along the last axis, along which
+    it is found what is solid, with whole ones."""
+    last = grid.dimension - 1
+    across, up = (tuple(p and (a == last) == is_up for a, p in enumerate(grid.periodic)) for is_up in (False, True))
+    return mesh.repeated(grid.size, across, reach).repeated(grid.size, up, math.inf)
 
 
 def _checked(key: str, wall: Wall, scene: Scene) -> SurfaceMesh:
