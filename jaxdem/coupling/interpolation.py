@@ -136,12 +136,15 @@ class Weights(NamedTuple):
         smoothing: a symmetric matrix for every axis, which fields are multiplied by after a deposit and before an
             interpolation; between surfaces a diffusion; None for none [-].
         halo: static; None for a box on one device.
+        along_axes: of a kernel, cells and weights along every axis, (N, R) each, whose products these are in the order
+            of `itertools.product`; None for others.
     """
 
     index: Array  # type: ignore[assignment]
     weight: Array
     smoothing: tuple[Array, ...] | CutDiffusion | None = None
     halo: Halo | None = None
+    along_axes: tuple[tuple[Array, Array], ...] | None = None
 
 
 def kernel_weights(grid: Grid, half_width: tuple[float, ...], position: Array) -> Weights:
@@ -153,7 +156,8 @@ def kernel_weights(grid: Grid, half_width: tuple[float, ...], position: Array) -
         position: (N, D) [m].
     """
     xp, halo = namespace(position), halo_of(grid, half_width)
-    per_axis = [_axis_weights(grid, axis, half_width[axis], position[:, axis], halo) for axis in range(grid.dimension)]
+    axes = range(grid.dimension)
+    per_axis = tuple(_axis_weights(grid, axis, half_width[axis], position[:, axis], halo) for axis in axes)
     index, weight, counts = [], [], grid.cells if halo is None else halo.cells
     for combination in itertools.product(*(range(i.shape[1]) for i, _ in per_axis)):
         flat, product = xp.zeros((), xp.int32), xp.ones((), position.dtype)
@@ -162,7 +166,24 @@ def kernel_weights(grid: Grid, half_width: tuple[float, ...], position: Array) -
             product = product * per_axis[axis][1][:, column]
         index.append(flat)
         weight.append(product)
-    return Weights(xp.stack(index, axis=1), xp.stack(weight, axis=1), halo=halo)
+    return Weights(xp.stack(index, axis=1), xp.stack(weight, axis=1), halo=halo, along_axes=per_axis)
+
+
+def each_cell_once(weights: Weights) -> Weights:
+    """The same weights with all that a particle puts into a cell in the first entry of it, and zero in others.
+
+    What a wall mirrors comes into cells that have an entry already. For kernels; weights of one point have one entry.
+    """
+    if weights.along_axes is None:
+        return weights
+    rows = []
+    for cells, weight in weights.along_axes:
+        same = cells[:, :, None] == cells[:, None, :]
+        first = jnp.argmax(same, axis=2) == jnp.arange(cells.shape[1])[None]
+        rows.append(jnp.where(first, jnp.sum(jnp.where(same, weight[:, None, :], 0.0), axis=2), 0.0))
+    columns = itertools.product(*(range(row.shape[1]) for row in rows))
+    products = [math.prod(row[:, k] for row, k in zip(rows, own, strict=True)) for own in columns]
+    return weights._replace(weight=jnp.stack(products, axis=1))
 
 
 def cells_under(half_width: float, spacing: float) -> int:

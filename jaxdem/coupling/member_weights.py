@@ -40,7 +40,8 @@ def body_weights(
     def of_bodies(rows: Array) -> Array:
         return jnp.moveaxis(rows.reshape(members, count, -1), 0, 1).reshape(count, -1)
 
-    return weights._replace(index=of_bodies(weights.index), weight=of_bodies(weights.weight * share))
+    rows = of_bodies(weights.index), of_bodies(weights.weight * share)
+    return weights._replace(index=rows[0], weight=rows[1], along_axes=None)
 
 
 def arms(particles: ParticleState, clumps: Clumps) -> tuple[Array, ...]:

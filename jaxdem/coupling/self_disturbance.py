@@ -39,7 +39,8 @@ import numpy as np
 from jax import Array
 
 from jaxdem.closures.base import Drag, DragInputs
-from jaxdem.coupling.interpolation import Weights, in_reach
+from jaxdem.coupling.interpolation import Weights, each_cell_once, in_reach
+from jaxdem.coupling.open_cells import open_weights
 from jaxdem.fluid.cut_cells import CutCells
 from jaxdem.fluid.grid import Grid
 from jaxdem.numerics.static import static
@@ -123,8 +124,10 @@ def brinkman_factor(squared: Array) -> Array:
 def own_solid_fraction(grid: Grid, weights: Weights, volume: Array, cut: CutCells | None = None) -> Array:
     """Solid fraction that a particle sees of itself, V / V_cell sum_c w_c^2 / v_c, (N,) [-].
 
-    v is the part of a cell that surfaces leave open, 1 without.
+    v is the part of a cell that surfaces leave open, 1 without. w_c has what a wall mirrors into the cell. For kernels,
+    and weights of one point.
     """
+    weights = open_weights(each_cell_once(weights), cut)
     squared = weights.weight**2
     if cut is not None:
         open_part = in_reach(weights, cut.open_cells)

@@ -58,8 +58,8 @@ def check_parcels(scene: Scene, particles: Particles) -> None:
     """Refuses models of which nobody knows what they are for a parcel.
 
     Raises:
-        InputError: lift of a turning grain, torque of the fluid, or the correction for the particle's own wake; or a
-            restitution that the rate of loss cannot be kept with.
+        InputError: lift of a turning grain, torque of the fluid, the correction for the particle's own wake, or its own
+            volume where it is spread by points; or a restitution that the rate of loss cannot be kept with.
     """
     _check_loss(scene)
     ratio, coupling = particles.coarse_grain, scene.coupling
@@ -75,6 +75,10 @@ def check_parcels(scene: Scene, particles: Particles) -> None:
         if on:
             remedy = "leave it out, or set particles.coarse_grain = 1"
             raise InputError(f"coupling.{key}", getattr(coupling, key), f"{limit} (coarse_grain = {ratio:g})", remedy)
+    if coupling.own_volume == "grain" and coupling.void_fraction in ("divided", "diffusion"):
+        limit = f'is not known with coupling.void_fraction = "{coupling.void_fraction}": points stand for a parcel'
+        remedy = 'set coupling.void_fraction = "kernel" or "centre", or coupling.own_volume = "parcel"'
+        raise InputError("coupling.own_volume", "grain", limit, remedy)
 
 
 def _check_loss(scene: Scene) -> None:

@@ -1,13 +1,16 @@
 """The solid fraction that parcels see, with the volume of one grain in place of their own."""
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
 import jaxdem
+from jaxdem.coupling.interpolation import deposit, interpolate, kernel_weights
 from jaxdem.coupling.own_volume import scatter_of_discs, scatter_of_spheres
 from jaxdem.coupling.self_disturbance import own_solid_fraction
+from jaxdem.fluid.grid import Grid
 
 DIAMETER = 1e-3
 
@@ -88,3 +91,23 @@ def test_grains_see_what_they_saw():
     """Without parcels the key changes nothing, not even the program."""
     sampled, _, _ = sample(suspension(2, 0.001, 1.0, own_volume="grain"))
     np.testing.assert_array_equal(sampled.law_inputs.solid_fraction, sampled.inputs.solid_fraction)
+
+
+def test_the_own_part_is_what_a_lone_particle_sees():
+    """Also at walls and in corners, where what is mirrored comes into cells that the kernel reaches anyway."""
+    grid, volume = Grid((5, 4, 3), (0.5, 0.4, 0.3), 1.0, (False, False, True)), 1e-4
+    places = np.random.default_rng(0).uniform(0.0, 1.0, (20, 3)) * np.asarray(grid.size)
+    places[0] = 0.001
+    weights = kernel_weights(grid, (0.12, 0.15, 0.09), jnp.asarray(places))
+    own = np.asarray(own_solid_fraction(grid, weights, jnp.asarray(volume)))
+    for k, part in enumerate(own):
+        alone = weights._replace(index=weights.index[k : k + 1], weight=weights.weight[k : k + 1])
+        solids = deposit(grid, alone, jnp.asarray([volume])) / grid.cell_volume
+        assert part == pytest.approx(float(interpolate(alone, (solids,))[0, 0]), rel=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["divided", "diffusion"])
+def test_points_in_place_of_a_kernel_are_refused(kind):
+    tables = suspension(2, 0.02, 4.0, own_volume="grain", void_fraction=kind) | {"precision": "float64"}
+    with pytest.raises(jaxdem.InputError, match="coupling.own_volume"):
+        jaxdem.build(jaxdem.load_scene(tables))
