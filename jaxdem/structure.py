@@ -136,7 +136,8 @@ class Structure:
         if self.walls_in_fluid.pistons:
             held = required(pistons, "pistons of the particles")
             numbers = numbers_of_interval(self.walls_in_fluid.pistons, numbers, held, start)
-        properties, fluid = self.walls_in_fluid.over(properties, fluid, numbers, start, duration)
+        middles = self.middle(parameters, step - 1), self.middle(parameters, step)
+        properties, fluid = self.walls_in_fluid.over(properties, fluid, numbers, (start, duration), middles)
         return parameters._replace(fluid=properties), fluid
 
     def with_loaded_pistons(

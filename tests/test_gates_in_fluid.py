@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from jaxdem import build, initial_state, load_scene
 from jaxdem.coupling.walls_in_fluid import WallsInFluid
@@ -85,6 +86,27 @@ def test_water_and_grains_rest_when_a_gate_vanishes(monkeypatch):
     assert speed < 1e-14 and volume < 1e-13
     assert void_fraction[9:13, :6].min() < 0.97
     assert resting(monkeypatch)[0] > 1e-3
+
+
+@pytest.mark.parametrize("interval, end", [(0.004, 0.018), (0.004, 0.058), (0.01, 0.035)])
+def test_a_gate_that_vanishes_in_the_middle_of_an_interval_vanishes_once(interval, end):
+    """For the fluid as for grains: that of the next interval what was there in this one is known to rounding."""
+    box = BOX | {"fluid": {"cells": [4, 2], "time_step": interval}, "coupling": {"interval": interval}}
+    box["time"] = {"end": 30 * interval, "output_interval": interval}
+    scene = load_scene(tables(POST | {"end": end}, particles={"position": [[0.05, 0.05]]}, **box))
+    simulation, parameters = build(scene)
+    fluid = initial_state(scene, simulation, parameters)[0].fluid
+
+    @jax.jit
+    def of_interval(step):
+        cut = simulation.with_moved_walls(parameters, fluid, step)[0].fluid.cut
+        return cut.renewed, jnp.min(cut.open_cells), simulation.surfaces_present(parameters, step)[0]
+
+    found = [of_interval(jnp.asarray(step)) for step in range(20)]
+    renewed, least, there = (np.asarray(x) for x in zip(*found, strict=True))
+    assert renewed.sum() == 1
+    np.testing.assert_array_equal(least < 1.0, there)
+    assert int(np.argmax(renewed)) == int(there.sum())
 
 
 def test_what_is_not_physical_is_refused():

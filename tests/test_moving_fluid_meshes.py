@@ -61,7 +61,7 @@ def test_a_round_mesh_that_goes_round_is_the_cylinder():
         @jax.jit
         def cut_at(parameters, start, moving=moving):
             cut, swept = moving.cut_and_swept(
-                parameters.fluid.still, parameters.wall_motion, (start, None), jnp.asarray(0.01)
+                parameters.fluid.still, parameters.wall_motion, ((start, None), jnp.asarray(0.01)), start + 0.005
             )
             return cut.open_cells, swept, cut.spin
 

@@ -91,8 +91,10 @@ def test_a_body_that_moves_with_a_stream_leaves_it_as_it_is():
 
 
 def now(simulation):
-    """Start of the eleventh interval, as a pair, and its length [s]."""
-    return (jnp.asarray(10 * simulation.interval), None), jnp.asarray(simulation.interval)
+    """Start of the eleventh interval, as a pair, with its length; and middles of the interval before it and its own
+    [s]."""
+    length = jnp.asarray(simulation.interval)
+    return ((10 * length, None), length), (9.5 * length, 10.5 * length)
 
 
 def test_a_body_that_swings_in_a_closed_box_keeps_the_volume():

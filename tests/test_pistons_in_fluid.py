@@ -9,7 +9,10 @@ import numpy as np
 import pytest
 
 from jaxdem import build, load_scene
+from jaxdem.coupling.pistons_in_fluid import FluidOnWalls, PistonInFluid, under_load
 from jaxdem.fluid import momentum_step
+from jaxdem.fluid.surface_response import SurfaceResponse
+from jaxdem.particles.moving_walls import PistonNumbers, PistonState
 from tests.cases.pistons_in_fluid import DENSITY, DEPTH, STEP, before_column, column, march, scene_of
 from tests.test_fluid_walls import refusal
 
@@ -29,6 +32,31 @@ def test_the_added_mass_is_that_of_the_column_and_holds_a_light_piston(monkeypat
     monkeypatch.setattr(momentum_step, "surface_response", unknown)
     found, _, _ = march(before_column(0.01), 4)
     assert np.abs(found[:, 1]).max() > 100.0 * exact[-1, 1]
+
+
+def test_the_added_mass_does_not_depend_on_the_number_of_fluid_steps():
+    """Four in a coupling interval: the inertia of the water acts in the first one."""
+    given = before_column(0.01)
+    given["fluid"]["time_step"] = STEP / 4
+    found, _, told = march(given, 4)
+    assert int(told.fluid.substeps) == 4
+    np.testing.assert_allclose(found[:, 1], column(0.01, 4)[:, 1], rtol=0.015)
+
+
+def test_gradients_know_of_the_added_mass():
+    """Of the acceleration (F + L + M' a)/(m + M') by the response of the fluid, against differences."""
+    piston, numbers = PistonInFluid(0, 0, (0,), (1.0, 0.0)), PistonNumbers(*map(jnp.asarray, (2.0, 0.3, 0.0)))
+    state = PistonState(jnp.zeros(1), None, jnp.asarray([0.02]), jnp.asarray([0.01]))
+
+    def acceleration(response):
+        fluid = SurfaceResponse(-response * jnp.ones((1, 1, 2)), jnp.zeros((1, 2)))
+        on_walls = FluidOnWalls(jnp.asarray([[-1.0, 0.0]]), fluid, jnp.asarray(DENSITY))
+        (own,), _ = under_load((piston,), (numbers,), state, on_walls, jnp.asarray([0.5, 0.0]), jnp.asarray(STEP))
+        return own.force / own.mass
+
+    slope = float(jax.grad(acceleration)(100.0))
+    assert slope == pytest.approx(float(acceleration(101.0) - acceleration(99.0)) / 2.0, rel=1e-4)
+    assert abs(slope) > 1e-4
 
 
 def body(mass):

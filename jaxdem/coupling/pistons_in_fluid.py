@@ -3,9 +3,9 @@
 In a coupling interval the fluid sees a piston of mass m go on with the velocity v that it has at its start. The load L
 of the fluid, the mean over the interval, then moves it together with the grains. A change of v acts on the fluid in
 the next interval, so L has a part -M' a: a is the change of v that the fluid saw from the last interval to this one,
-over the interval t, and M' = Z t with Z the load that a change of the speed by 1 m/s makes, by inertia and drag, see
-`fluid.surface_response`. A piston lighter than the fluid that it moves would be unstable if L were all. So M' is on
-both sides:
+over the interval t, and M' = Z t with Z the mean load over an interval that a change of the speed by 1 m/s makes, by
+inertia and drag, see `fluid.surface_response`. A piston lighter than the fluid that it moves would be unstable if L
+were all. So M' is on both sides:
 
     (m + M') dv/dt = F + m g.e + L + M' a - c v + f.e - rho V g.e
 
@@ -21,7 +21,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from jax import Array, lax
+from jax import Array
 
 from jaxdem.fluid.surface_response import SurfaceResponse
 from jaxdem.numerics.compensated import Pair
@@ -111,7 +111,7 @@ def under_load(
         load = jnp.dot(along, jnp.sum(fluid.load[rows], axis=0)) - piston.displaced * fluid.density * weight
         pressure, friction = (part[rows] for part in (fluid.response.pressure[row], fluid.response.friction))
         response = -jnp.dot(along, jnp.sum(pressure, axis=0)) - jnp.dot(along**2, jnp.sum(friction, axis=0))
-        added = lax.stop_gradient(jnp.maximum(response, 0.0) * duration)
+        added = jnp.maximum(response, 0.0) * duration
         held = (state.velocity[k] - before[k]) / duration - weight
         found[k] = own._replace(force=own.force + load + added * held, mass=own.mass + added)
     return tuple(found), state._replace(seen_velocity=state.velocity)

@@ -128,7 +128,12 @@ class WallsInFluid:
         return tuple(surface for surface in self.moving if not surface.window.is_always)
 
     def over(
-        self, properties: FluidProperties, state: FluidState, numbers: Sequence[Numbers], start: Pair, duration: Array
+        self,
+        properties: FluidProperties,
+        state: FluidState,
+        numbers: Sequence[Numbers],
+        times: tuple[Pair, Array],
+        middles: tuple[Array, Array],
     ) -> tuple[FluidProperties, FluidState]:
         """The fluid's numbers with the open parts of an interval, and its state on them.
 
@@ -139,19 +144,20 @@ class WallsInFluid:
             properties: of the fluid.
             state: at the start of the interval.
             numbers: of the motion of every wall.
-            start: () as a pair [s].
-            duration: () of the interval [s].
+            times: start of the interval as a pair, and its length, () each [s].
+            middles: () of the interval before it and of the interval [s]. An interval has one middle in all places: a
+                wall that vanishes just then is there, or not, for the next interval as it was for this one.
         """
+        (start, duration), (before_it, middle) = times, middles
         still = required(properties.still, "still surfaces of the fluid")
         cut = required(properties.cut, "cut cells")
         if not self.change_place:
             end = pairs.total(start, pairs.as_pair(duration))
             cut = self.with_velocities(cut, still.distances, numbers, end)
             return properties._replace(cut=cut), state
-        middle = pairs.value(start) + 0.5 * duration
-        former = self.cut(still, self.places(still, numbers, start, middle - duration))
-        cut, opened = self.cut_and_swept(still, numbers, start, duration)
-        renewed = self._renewed(middle - duration, middle)
+        former = self.cut(still, self.places(still, numbers, start, before_it))
+        cut, opened = self.cut_and_swept(still, numbers, times, middle)
+        renewed = self._renewed(before_it, middle)
         if state.void_fraction is not None:
             solids = 1.0 - state.void_fraction
             lost = solids * (cut.open_cells - former.open_cells) / duration
@@ -167,16 +173,18 @@ class WallsInFluid:
         return properties._replace(cut=cut), state._replace(pressure=pressure)
 
     def cut_and_swept(
-        self, still: StillDistances, numbers: Sequence[Numbers], start: Pair, duration: Array
+        self, still: StillDistances, numbers: Sequence[Numbers], times: tuple[Pair, Array], middle: Array
     ) -> tuple[CutCells, Array]:
-        """The open parts at the end of an interval with the velocities of `over`, and what the walls sweep; see
-        `swept`."""
+        """The open parts at the end of an interval with this middle and the velocities of `over`, and what the walls
+        sweep; see `swept`. Other arguments as there."""
+        start, duration = times
         end = pairs.total(start, pairs.as_pair(duration))
-        now = self.places(still, numbers, end, pairs.value(start) + 0.5 * duration)
+        now = self.places(still, numbers, end, middle)
         means = self._means(numbers, start, duration)
         cut = self.with_velocities(self.cut(still, now), now, numbers, end, means)
         if self.pistons:
-            cut = cut._replace(unit_swept=tuple(self._unit_swept(still, cut, now, means, p) for p in self.pistons))
+            units = tuple(self._unit_swept(still, cut, now, means, piston) for piston in self.pistons)
+            cut = cut._replace(unit_swept=units, interval=duration)
         xp = namespace(now[0])
         cut = cut._replace(distance=xp.min(xp.stack([on_corners(self.grid, d) for d in now]), axis=0))
         return cut, self._swept(still, cut, now, means)

@@ -59,6 +59,7 @@ class CutCells(NamedTuple):
         distance: from the nearest surface at the corners, where surfaces change their place; None elsewhere [m].
         unit_swept: of every piston, see `coupling.pistons_in_fluid`, `swept` at a speed of 1 m/s alone; None without
             pistons [1/m].
+        interval: () length of the coupling interval; None without pistons [s].
         renewed: () bool, a surface has come or vanished since the last interval; None where none does in the run.
     """
 
@@ -74,6 +75,7 @@ class CutCells(NamedTuple):
     swept: Array | None = None
     distance: Array | None = None
     unit_swept: tuple[Array, ...] | None = None
+    interval: Array | None = None
     renewed: Array | None = None
 
     @property

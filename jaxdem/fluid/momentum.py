@@ -129,7 +129,7 @@ class FluidSolver:
         if cut is None:
             return result
         if cut.unit_swept is not None:
-            result = result._replace(response=begun.response(push, self.surfaces))
+            result = result._replace(response=begun.response(self.surfaces))
         stress, load = self._at_surfaces(cut, loads, mean, particles, required(begun.at_surfaces, "viscosity"))
         return result._replace(viscous_acceleration=stress, surface_load=load)
 

@@ -87,11 +87,19 @@ class MomentumStep:
 
         return stage(self.time_step > 0.0, compute)
 
-    def response(self, push: tuple[CellOrOne, ...], count: int) -> SurfaceResponse:
-        """Of the loads on `count` surfaces to the speeds of pistons; `push` as in the projection [m3 s/kg]."""
+    def response(self, count: int) -> SurfaceResponse:
+        """Of the loads on `count` surfaces to the speeds of pistons, means over the coupling interval.
+
+        The projection of one step as long as the interval: the inertia of the fluid has the impulse of the first step
+        alone, drag and friction that of all."""
         terms, cut = self.terms, required(self.properties.cut, "cut cells")
         viscosity = required(self.at_surfaces, "viscosity at surfaces").on_faces(terms.grid)
         friction = product((self.properties.density * nu for nu in viscosity), cut.friction)
+        interval = required(cut.interval, "coupling interval")
+        held = zip(self.whole[1], self.mobility, strict=True)
+        mobility = (1.0 / (g + interval / self.time_step * (1.0 / m - g)) for g, m in held)
+        parts = zip(self.weight, mobility, strict=True)
+        push = cut.pushed(tuple(interval / self.properties.density * w * m for w, m in parts))
         coefficient = product(self.open_new, push)
         return surface_response(terms.grid, terms.boundary, cut, coefficient, friction, count)
 

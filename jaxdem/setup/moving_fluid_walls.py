@@ -108,7 +108,8 @@ def looks(scene: Scene, moving: WallsInFluid, still: StillDistances, times: tupl
     last = max(begin, scene.time.end - interval)
     changes = {change for gate in moving.gates for change in (gate.window.begin, gate.window.end)}
     for time in sorted({*np.linspace(begin, last, LOOKS).tolist(), *(t for t in changes if begin < t <= last)}):
-        cut, swept = moving.cut_and_swept(still, host_numbers(scene, time), (number(time), None), duration)
+        span, middle = ((number(time), None), duration), number(time) + 0.5 * duration
+        cut, swept = moving.cut_and_swept(still, host_numbers(scene, time), span, middle)
         yield Look(time, cut, np.asarray(swept))
 
 
