@@ -173,6 +173,8 @@ def test_cells_under_a_diameter_are_said():
         ({"domain": {"size": [200.0, 400.0]}, "particles": {"radius": 10.0}}, "particles.radius = 10 m", "0.01"),
         ({"domain": {"size": [200.0, 400.0]}}, "domain.size = 400 m", "write 0.4"),
         ({"domain": {"gravity": [0.0, -9810.0]}}, "domain.gravity = 9810", "write 9.81"),
+        ({"domain": {"gravity": [0.0, 9.81]}}, "domain.gravity = 9.81", "write -9.81"),
+        ({"contact": {"friction": 30.0}}, "contact.friction = 30:", "write 0.577"),
         ({"particles": {"density": 2.65}}, "particles.density = 2.65", "write 2650"),
         ({"particles": {"density": 2.65e6}}, "particles.density = 2.65e+06", "write 2650"),
         ({"fluid": {"density": 1.0}}, "fluid.density = 1 ", "write 1000"),

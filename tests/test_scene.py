@@ -683,3 +683,40 @@ def test_a_keyword_of_another_name_is_refused_by_build_and_simulate(tmp_path):
         with pytest.raises(TypeError, match="'wall'"):
             work()
     assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        ({"particles.friction": 0.4}, ("particles.friction", "[contact], [[materials]]")),
+        ({"fluid.drag": "wen_yu"}, ("fluid.drag", "[coupling]")),
+        ({"gravity": [0.0, -9.81]}, ("gravity", "[domain]")),
+        ({"fluid.heat": 1}, ("fluid.heat", "in [heat]")),
+        ({"particles.radius": "0.01"}, ("particles.radius", "number in quotes", "remove the quotes")),
+        ({"walls": [{"point": [0.1, 0.1]}]}, ("walls.0.kind", "is missing", '"plane"')),
+    ],
+    ids=lambda given: next(iter(given)) if isinstance(given, dict) else "",
+)
+def test_what_helps_with_a_slip(overrides, words):
+    message = str(refusal(VALID, overrides=overrides)).lower()
+    assert all(word.lower() in message for word in words), message
+
+
+def test_what_is_missing_is_said_with_its_unit():
+    assert "[kg/m3]" in refusal(changed("particles.density", ...)).remedy
+    assert "duration and output" in refusal({name: table for name, table in VALID.items() if name != "time"}).remedy
+
+
+def test_the_line_that_is_no_toml_is_shown(tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text("[particles]\nradius = 0,01\n", encoding="utf-8")
+    with pytest.raises(InputError, match=r"line 2, column 11\): radius = 0,01"):
+        load_scene(path)
+
+
+@pytest.mark.parametrize("parts", [0.7, 1.4, 16.7, 33.4, 1e5 / 3.0])
+def test_an_interval_that_is_proposed_divides(parts):
+    remedy = refusal(VALID, overrides={"time.end": 2.0, "time.output_interval": 2.0 / parts}).remedy
+    proposed = float(remedy.rpartition("=")[2])
+    assert load_scene(VALID, {"time.end": 2.0, "time.output_interval": proposed}).time.output_interval == proposed
+    assert 0.4 <= 2.0 / proposed / parts <= 2.1

@@ -28,6 +28,9 @@ SOFT, STIFF = 1e5, 1.3e12
 THIN = 3e-6
 """Dynamic viscosity below which there is no fluid at room temperature; that of gases is 8e-6 and more [Pa s]."""
 
+ANGLES = (5.0, 80.0)
+"""Coefficients of friction that are more likely an angle in degrees [-]."""
+
 FAST_FLUID, FAST_GRAIN = 100.0, 300.0
 """Speeds from which mm/s are more likely; at 100 m/s gases are compressible [m/s]."""
 
@@ -57,11 +60,14 @@ MISTAKEN = {
 
 def unit_warnings(scene: Scene) -> tuple[str, ...]:
     """Sentences, each with key, value and what was likely meant."""
-    return (*_lengths(scene), *_densities(scene), *_moduli(scene), *_viscosity(scene), *_speeds(scene))
+    return (
+        *_lengths(scene), *_gravity(scene), *_densities(scene), *_moduli(scene), *_friction(scene), *_viscosity(scene),
+        *_speeds(scene),
+    )  # fmt: skip
 
 
 def _warning(key: str, value: float, unit: str, why: str, meant: str) -> str:
-    return f"{key} = {value:.6g} {unit}: {why}. If it is {meant}."
+    return f"{f'{key} = {value:.6g} {unit}'.rstrip()}: {why}. If it is {meant}."
 
 
 def _lengths(scene: Scene) -> Iterator[str]:
@@ -82,6 +88,22 @@ def _lengths(scene: Scene) -> Iterator[str]:
         if abs(gravity / (9.81 * factor) - 1.0) < 0.05:
             why = f"this is {factor:.0f} times the gravity of the earth"
             yield _warning("domain.gravity", gravity, "m/s2", why, f"in {unit}, write {gravity / factor:.6g}")
+
+
+def _gravity(scene: Scene) -> Iterator[str]:
+    upwards = scene.domain.strongest_gravity[-1]
+    if upwards > 0.0:
+        yield _warning("domain.gravity", upwards, "m/s2", "the last axis points up", f"downwards, write {-upwards:.6g}")
+
+
+def _friction(scene: Scene) -> Iterator[str]:
+    tables = {"contact": scene.contact, **{f"materials.{k}": one for k, one in enumerate(scene.materials)}}
+    for table, constants in tables.items():
+        for name in ("friction", "wall_friction"):
+            value = getattr(constants, name, None)
+            if value is not None and ANGLES[0] <= value <= ANGLES[1]:
+                meant = f"an angle in degrees, write {math.tan(math.radians(value)):.3g}"
+                yield _warning(f"{table}.{name}", value, "", "dry solids have less than 2", meant)
 
 
 def _densities(scene: Scene) -> Iterator[str]:

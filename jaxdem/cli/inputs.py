@@ -88,7 +88,7 @@ def read_scenes(
     `resumed` is a run directory, whose own scene knows what it took from the run that it began from.
     """
     from jaxdem.scene import load_scene
-    from jaxdem.scene.reading import load_chain
+    from jaxdem.scene.reading import load_chain, require_files
     from jaxdem.scene.stages import scenes_of
 
     changed = overrides(settings, closure, subgrid)
@@ -99,6 +99,7 @@ def read_scenes(
     for one in scenes_of(scene):
         require_closure("closure.file", one.closure.file)
         require_closure("fluid.subgrid", None if one.fluid is None else one.fluid.subgrid)
+        require_files(one.tables())
     return scene
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import difflib
+
 from jaxdem.closures.beetstra import Beetstra
 from jaxdem.closures.correlation import Correlation
 from jaxdem.closures.di_felice import DiFeliceDallavalle
@@ -41,7 +43,9 @@ def drag_law(name: str, key: str = "coupling.drag") -> Correlation:
         InputError: no law has that name.
     """
     if name not in DRAG_LAWS:
-        raise InputError(key, name, "no drag law has this name", f"Use one of {', '.join(DRAG_LAWS)}.")
+        near = difflib.get_close_matches(name, DRAG_LAWS, n=1)
+        hint = f"Did you mean {near[0]!r}? " if near else ""
+        raise InputError(key, name, "no drag law has this name", f"{hint}Use one of {', '.join(DRAG_LAWS)}.")
     return DRAG_LAWS[name]()
 
 

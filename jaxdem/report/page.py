@@ -17,6 +17,7 @@ from jaxdem.metrics import METRICS
 from jaxdem.report import runs as read
 from jaxdem.report.chart import Panel, to_html
 from jaxdem.report.comparison import Comparison, Row
+from jaxdem.report.figures import left_out
 from jaxdem.report.findings import FRONT_MEANING, duration, error_range, percent
 from jaxdem.report.parity import Forces
 from jaxdem.report.player import player
@@ -66,18 +67,22 @@ def write_page(
 ) -> None:
     """Write the page, with the PNG files that `comparison.files` names; of them snapshots where nothing is played."""
     clips, front = player(comparison.rows), len(comparison.front) > 1
+    packs = any(len(row.trials) > 1 for row in comparison.rows)
+    trained = any(row.training_cost_s > 0 for row in comparison.rows)
+    note = left_out(comparison.every)
     body = [
         f"<h1>{escape(page.title)}</h1>",
         "<h2>Summary</h2>",
         _list(comparison.sentences, "lead"),
-        _warnings(comparison),
+        _warnings([sentence for sentence in comparison.warnings if sentence != note]),
         "<h2>Error against run time</h2>",
         to_html([error], "error-plot"),
         _caption(
             "Each point is a run. Lower and further to the left is better. The run time does not include compilation. "
-            "The error is the mean over the metrics. Small points are the same run with other packs, bars their range. "
-            "A hollow point includes the training time. The vertical line is the run time of the reference, "
-            "whose error is zero by definition."
+            "The error is the mean over the metrics."
+            + (" Small points are the same run with other packs, bars their range." if packs else "")
+            + (" A hollow point includes the training time." if trained else "")
+            + " The vertical line is the run time of the reference, whose error is zero by definition."
             + (f" Of a run on the Pareto front it holds that {FRONT_MEANING}." if front else "")
         ),
         "<h2>Errors by metric</h2>",
@@ -87,7 +92,10 @@ def write_page(
         *_energies(comparison),
         "<h2>The metrics over time</h2>",
         to_html(metrics, "metrics-plot"),
-        _caption("Click a name in the legend to hide that run in all panels. Drag to zoom; double-click to zoom out."),
+        _caption(
+            "Click a name in the legend to hide that run in all panels. Drag to zoom; double-click to zoom out."
+            + (f" {note}" if note else "")
+        ),
         *(_probes(comparison, probes) if probes else []),
         *(["<h2>Animations</h2>", clips] if clips else _image(comparison, "snapshots")),
         *_image(comparison, "parity"),
@@ -141,10 +149,10 @@ def _caption(text: str) -> str:
     return f'<p class="caption">{escape(text)}</p>' if text else ""
 
 
-def _warnings(comparison: Comparison) -> str:
-    if not comparison.warnings:
+def _warnings(sentences: Sequence[str]) -> str:
+    if not sentences:
         return ""
-    return f'<div class="warning"><strong>Warnings</strong>{_list(comparison.warnings, "notes")}</div>'
+    return f'<div class="warning"><strong>Warnings</strong>{_list(sentences, "notes")}</div>'
 
 
 IMAGES = {

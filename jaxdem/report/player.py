@@ -200,6 +200,9 @@ def _html(clips: Sequence[_Clip], times: Array, tops: Tops) -> str:
 
 def _caption(clips: Sequence[_Clip], shown: int, outputs: int) -> str:
     parts = ["Discs have their true radius, but are at least one pixel wide. All runs have the same colour scale."]
+    boxes = {clip.box for clip in clips}
+    if len(boxes) == 1:
+        parts.append("The box is {:.4g} m long and {:.4g} m high.".format(*boxes.pop()))
     if any(clip.row.run.dimension == 3 for clip in clips):
         parts.append(
             "3-D runs are seen from the front. The speed of the fluid is averaged over the depth; a wall is the darker "

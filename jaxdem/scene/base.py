@@ -24,7 +24,7 @@ from pydantic_core import PydanticCustomError
 WALL = "wall"
 """Name of the material of walls that have no other: the `contact.wall_*` keys."""
 
-UNKNOWN_KEY, NO_SUCH_MATERIAL = "unknown key", "there is no such material in [[materials]]"
+UNKNOWN_KEY, MISSING, NO_SUCH_MATERIAL = "unknown key", "is missing", "there is no such material in [[materials]]"
 
 
 def wrong(key: str, value: object, limit: str, remedy: str) -> PydanticCustomError:

@@ -134,7 +134,7 @@ class Time(Section):
         if (info.context or {}).get("begins_later"):
             return self
         if frames < 1.0 - 1e-9 or abs(frames - round(frames)) > 1e-6 * frames:
-            remedy = f"use, for example, time.output_interval = {end / max(1, round(frames)):.6g}"
+            remedy = f"use, for example, time.output_interval = {_divisor(end, frames)}"
             raise wrong("output_interval", self.output_interval, f"must divide time.end = {end} s", remedy)
         return self
 
@@ -153,9 +153,18 @@ class Time(Section):
             raise InputError("time.end", end, limit, f"raise it, for example to {start + output:.9g} s")
         if round(number) < 1 or abs(number - round(number)) > 1e-6 * number:
             limit = f"must divide the time from the start at {start:.9g} s to time.end = {end} s"
-            remedy = f"use, for example, time.output_interval = {(end - start) / max(1, round(number)):.6g}"
+            remedy = f"use, for example, time.output_interval = {_divisor(end - start, number)}"
             raise InputError("time.output_interval", output, limit, remedy)
         return round(number)
+
+
+def _divisor(time: float, parts: float) -> str:
+    """An interval that divides a time into about so many parts, of few digits."""
+    near = range(max(1, math.ceil(parts / 2.0)), max(1, math.floor(2.0 * parts)) + 1)
+    if len(near) > 1000:
+        near = range(round(parts) - 500, round(parts) + 500)
+    best = min(near, key=lambda n: (len(f"{time / n:.6g}"), abs(math.log(n / max(parts, 1.0)))))
+    return f"{time / best:.6g}"
 
 
 class Output(Section):

@@ -8,7 +8,7 @@ from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from jaxdem.errors import InputError
-from jaxdem.scene.base import NO_SUCH_MATERIAL, UNKNOWN_KEY
+from jaxdem.scene.base import MISSING, NO_SUCH_MATERIAL, UNKNOWN_KEY
 
 WORDS = (
     ("Value error, ", ""),
@@ -38,13 +38,34 @@ def as_input_error(error: ValidationError, tables: Mapping[str, object]) -> Inpu
     path, first = max((p for p in problems if p[0][: len(start)] == start), key=lambda found: len(found[0]))
     key = ".".join(str(part) for part in path)
     if first["type"] == "missing":
-        return InputError(key, None, "is missing", "add this key to the scene")
+        return InputError(key, None, MISSING, _add(key))
     here = [problem for place, problem in problems if place == path]
     for problem in here:
         if own := _own(problem):
-            return InputError(key, own["value"], own["limit"], own["remedy"])
+            remedy = own["remedy"]
+            if own["limit"] == UNKNOWN_KEY:
+                remedy = _elsewhere(path) or remedy
+            elif own["limit"] == MISSING:
+                remedy = _add(key)
+            return InputError(key, own["value"], own["limit"], remedy)
     reasons = dict.fromkeys(_in_plain_words(problem["msg"]) for problem in here)
     return InputError(key, first["input"], " or ".join(reasons), _remedy(path, list(reasons), first["input"]))
+
+
+def _add(key: str) -> str:
+    """The remedy for a key that is missing: what it is."""
+    from jaxdem.scene.hints import meaning_of
+
+    meaning = meaning_of(key)
+    return f"add it to the scene: {meaning}" if meaning else "add this key to the scene"
+
+
+def _elsewhere(path: Path) -> str:
+    """The remedy for a key that stands in the wrong table; empty for one that no table has."""
+    from jaxdem.scene.hints import tables_with
+
+    found = tables_with(str(path[-1]))
+    return f"there is one of this name in {', '.join(found)}" if found else ""
 
 
 def _own(problem: ErrorDetails) -> dict[str, str]:

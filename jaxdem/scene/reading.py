@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -143,6 +144,18 @@ def _files_of_regions(tables: dict[str, Any]) -> Iterator[tuple[dict[str, Any], 
                 yield region, "file", f"{table}.{key}.{number}.file"
 
 
+def require_files(tables: dict[str, Any]) -> None:
+    """Refuses tables with absolute names of files that name one that is not there.
+
+    Raises:
+        InputError: naming the key.
+    """
+    for holder, key, dotted in _file_keys(tables):
+        name = holder.get(key)
+        if isinstance(name, str) and key != "from" and not Path(name).exists():
+            raise InputError(dotted, name, "no such file", "give a name relative to the scene file")
+
+
 def parse_override(text: str, option: str = "--set") -> tuple[str, Any]:
     """`key=value` of an option of the command line, the value as TOML; a word needs no quotes."""
     key, separator, value = text.partition("=")
@@ -179,10 +192,19 @@ def _read_toml(path: Path) -> dict[str, Any]:
     except UnicodeDecodeError:
         limit, remedy = "is not UTF-8 text", "save the scene as UTF-8"
     except tomllib.TOMLDecodeError as error:
-        limit, remedy = f"is not valid TOML: {error}", "correct that line"
+        limit, remedy = f"is not valid TOML: {error}{_line_of(path, str(error))}", "correct that line"
     except ValueError as error:
         limit, remedy = str(error), "correct the scene"
     raise InputError("SCENE", str(path), limit, remedy)
+
+
+def _line_of(path: Path, message: str) -> str:
+    """The line that a message of the TOML parser names."""
+    number = re.search(r"at line (\d+)", message)
+    lines = read_text(path).splitlines()
+    if number is None or int(number[1]) > len(lines):
+        return ""
+    return f": {lines[int(number[1]) - 1].strip()}"
 
 
 def _set(tables: dict[str, Any], key: str, value: Any) -> None:
@@ -217,12 +239,21 @@ def _absolute_files(tables: dict[str, Any], folder: Path) -> dict[str, Any]:
             tables["stages"][number] = _absolute_files(stage, folder)
     for holder, key, dotted in _file_keys(tables):
         if isinstance(holder.get(key), str):
+            _refuse_quoted_number(dotted, holder[key])
             try:
                 holder[key] = str((folder / holder[key]).resolve())
             except (OSError, ValueError, RuntimeError) as error:
                 limit = f"cannot be the name of a file ({error})"
                 raise InputError(dotted, holder[key], limit, "correct the name") from None
     return tables
+
+
+def _refuse_quoted_number(key: str, value: str) -> None:
+    try:
+        float(value)
+    except ValueError:
+        return
+    raise InputError(key, value, "is a number in quotes, which would be the name of a file", "remove the quotes")
 
 
 def _copy(value: Any) -> Any:

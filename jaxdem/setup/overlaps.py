@@ -83,7 +83,9 @@ def check_initial_positions(particles: ParticleSetup) -> None:
         raise InputError(
             allowed.key,
             f"particle {rows[index]} at {_point(position[index])} m",
-            f"it reaches {_percent(part)} of its diameter into the {sides} wall, {allowed}",
+            "its centre lies outside of the box"
+            if part > 0.5
+            else f"it reaches {_percent(part)} of its diameter into the {sides} wall, {allowed}",
             allowed.move,
         )
     if not particles.is_started:

@@ -143,6 +143,8 @@ def test_metrics_without_meaning_are_left_out_and_named(make: Any, saved: list[A
         saved.clear()
         comparison = compare(run, [Candidate(run, "copy")], tmp_path)
         assert note in comparison.warnings and note in {figure.get_suptitle() for figure in saved}
+        page = comparison.files["html"].read_text(encoding="utf-8")
+        assert note in page and f"<li>{note}</li>" not in page, "it is no warning"
     assert not figures.left_out(compared(make("open"), make("open")).every)
     assert len(figures.metrics_panels(compared(*[make("dry", cells=None)] * 2).every)) == 5
 
