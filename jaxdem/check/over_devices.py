@@ -14,9 +14,10 @@ from jaxdem.check.run_cost import CPU, GPU, RunCost, run_cost
 from jaxdem.check.walls_in_fluid import OF_BODIES, OF_CELLS, sent_for_walls
 from jaxdem.devices.bonds import require_in_reach
 from jaxdem.devices.cut import slabs_of
-from jaxdem.devices.refused import require_divisible
 from jaxdem.devices.rooms import SlabRoom, equal_planes, listed_spheres, needed_room, slab_of
 from jaxdem.errors import InputError, required
+from jaxdem.fluid.multigrid import FEW, STEPS
+from jaxdem.fluid.two_fluids import TwoFluidSolver
 from jaxdem.numerics.blocks import Blocks
 from jaxdem.particles.ghosts import Division
 from jaxdem.particles.integrate import ParticleState
@@ -93,7 +94,6 @@ def check_devices(
         case = dataclasses.replace(case, simulation=case.simulation.without_levels())
         neighbors = _one_table(case, required(state.particles, "state.particles"))
     simulation = case.simulation
-    require_divisible(simulation)
     position = None if case.particles is None else case.particles.position
     blocks = slabs_of(simulation, number, position)
     cells = 0
@@ -225,7 +225,7 @@ def _fullest(case: Case, blocks: Blocks, state: State, number: int) -> float:
 
 def _pressure_bytes(case: Case, blocks: Blocks) -> int:
     """Sent by a device in an iteration of the pressure: the layer beside each border, and the slab for the transform
-    along the cut axis, there and back [B]."""
+    along the cut axis, there and back; of two fluids the layers of all levels at most, and a level as a whole [B]."""
     fluid = case.simulation.fluid
     if fluid is None:
         return 0
@@ -233,6 +233,9 @@ def _pressure_bytes(case: Case, blocks: Blocks) -> int:
     item = np.dtype(case.scene.precision).itemsize
     layer = cells // fluid.solver.grid.cells[blocks.axis]
     slab = cells // blocks.number
+    if isinstance(fluid.solver, TwoFluidSolver):
+        finer = 2 ** (fluid.solver.grid.dimension - 1)  # cells of a layer over those of the next level's
+        return item * (2 * layer * (1 + (2 * STEPS + 1) * finer // (finer - 1)) + FEW)
     return item * (2 * layer + 2 * slab * (blocks.number - 1) // blocks.number)
 
 

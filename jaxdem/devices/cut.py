@@ -10,6 +10,7 @@ from jaxdem.coupling.coupled import Coupling
 from jaxdem.coupling.interpolation import halo_layers
 from jaxdem.errors import InputError
 from jaxdem.fluid.grid import Grid
+from jaxdem.fluid.two_fluids import TwoFluidSolver
 from jaxdem.numerics.axes import AXES
 from jaxdem.numerics.blocks import Blocks
 from jaxdem.particles.migration import NARROWEST
@@ -23,6 +24,10 @@ EVEN = 1.25
 
 LEAST_CELLS = 2
 """Cells of a slab along the cut axis, at least: advection looks two cells beyond its ends."""
+
+OF_TWO_FLUIDS = 4
+"""Cells of a slab along the cut axis, of two fluids, are a multiple of it: two levels of the multigrid cycle after the
+finest one stay in slabs, and the columns of the curvature reach no farther than the next slab."""
 
 
 def slabs_of(simulation: Simulation, number: int, position: np.ndarray | None, axis: int | None = None) -> Blocks:
@@ -92,7 +97,13 @@ def _reason(simulation: Simulation, number: int, axis: int) -> str | None:
             return f"slabs of {width:.4g} m would be narrower than {least:.4g} m, which particles need"
     if simulation.fluid is None:
         return None
-    reason = _uneven(simulation.fluid.solver.grid, number, axis, "fluid.cells")
+    solver = simulation.fluid.solver
+    reason = _uneven(solver.grid, number, axis, "fluid.cells")
+    if reason is None and isinstance(solver, TwoFluidSolver) and solver.grid.cells[axis] // number % OF_TWO_FLUIDS:
+        reason = (
+            f"the {solver.grid.cells[axis]} cells of fluid.cells are no multiple of {OF_TWO_FLUIDS * number}: with two "
+            f"fluids the cells of every slab are one of {OF_TWO_FLUIDS}"
+        )
     coupling = simulation.coupling
     if reason is not None or coupling is None:
         return reason

@@ -12,7 +12,6 @@ from jax.sharding import Mesh
 from jaxdem.devices.cut import STRAY, drift_of, slabs_of
 from jaxdem.devices.mesh import DIAGNOSTICS, SLABS, STATE, device_mesh, on_slabs
 from jaxdem.devices.parameters import cells_on_devices, in_slabs, of_slabs, on_devices, spread
-from jaxdem.devices.refused import require_divisible
 from jaxdem.errors import required
 from jaxdem.numerics.blocks import Blocks
 from jaxdem.numerics.static import static
@@ -112,7 +111,6 @@ def divided(
             work on several devices.
     """
     mesh, whole = device_mesh(devices), simulation
-    require_divisible(simulation)
     simulation = simulation.without_levels()
     blocks = slabs_of(simulation, mesh.devices.size, position, axis)
     own = {field.name: getattr(simulation, field.name) for field in dataclasses.fields(Simulation)}

@@ -28,8 +28,8 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.fluid.advection import VanLeer
-from jaxdem.fluid.grid import CellOrOne, FaceField, Grid, along, face_average, own_layers
-from jaxdem.fluid.mesh import Ends, beyond, with_ends
+from jaxdem.fluid.grid import CellOrOne, FaceField, Grid, along, box_mean, face_average, own_layers
+from jaxdem.fluid.mesh import Ends, at_side, beyond, with_ends
 from jaxdem.fluid.sweeps import in_order
 
 
@@ -108,7 +108,7 @@ def carried_heat(
         step: () [s].
         order: () int, number of the step, see `sweeps`.
     """
-    mean, (before, after) = jnp.mean(heat.temperature), contents
+    mean, (before, after) = box_mean(grid, heat.temperature), contents
     own = heat.temperature - mean
     inflow = tuple(None if value is None else value - mean for value in numbers.inflow)
     sweeps = [
@@ -184,11 +184,14 @@ def _beside(grid: Grid, cells: Array, axis: int) -> Ends:
 
 def _at_ends(grid: Grid, passing: Array, axis: int) -> Array:
     """(2 D,) what comes in through the two sides across an axis, of what passes its faces over the volume of a cell;
-    zero for the others and along periodic axes."""
+    zero for the others and along periodic axes; in a slab what passes there."""
     found = jnp.zeros(2 * grid.dimension, passing.dtype)
     if grid.periodic[axis]:
         return found
-    lower, upper = jnp.sum(along(passing, axis, 0, 1)), jnp.sum(along(passing, axis, -1, None))
+    lower, upper = (
+        at_side(grid, axis, is_upper, jnp.sum(along(passing, axis, *place)), 0.0)
+        for is_upper, place in ((False, (0, 1)), (True, (-1, None)))
+    )
     return found.at[2 * axis : 2 * axis + 2].set(grid.cell_volume * jnp.stack((lower, -upper)))
 
 

@@ -9,7 +9,8 @@ from jax import Array
 
 from jaxdem.fluid.advection import AdvectionScheme, advection, flux_through_control_surfaces
 from jaxdem.fluid.boundary import Sides, with_ghosts
-from jaxdem.fluid.grid import FaceField, Grid, along, sum_of
+from jaxdem.fluid.grid import FaceField, Grid, along, own_layers, sum_of
+from jaxdem.fluid.mesh import beyond
 
 
 class _MeanOverStep(NamedTuple):
@@ -137,10 +138,6 @@ def _leaving(passing: _Passing, velocity: Array, mass: Array, time_step: Array) 
 
 def _wide(grid: Grid, faces: Array, which: int, axis: int) -> Array:
     """Values on the faces of axis `which` with one layer more on either end of an axis."""
-    if not grid.periodic[axis]:
-        before, after = along(faces, axis, 0, 1), along(faces, axis, -1, None)
-    elif which == axis:
-        before, after = along(faces, axis, -2, -1), along(faces, axis, 1, 2)
-    else:
-        before, after = along(faces, axis, -1, None), along(faces, axis, 0, 1)
+    shared = int(which == axis)  # face of a border or of a periodic axis, which stands in both arrays
+    before, after = beyond(grid, axis, faces, (-1 - shared,), (shared,), own_layers(faces, axis))
     return jnp.concatenate((before, faces, after), axis)

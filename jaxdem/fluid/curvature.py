@@ -24,6 +24,7 @@ from jaxdem.fluid.grid import FaceField, Grid, along, end_faces, sum_of
 from jaxdem.fluid.mesh import beyond, layers
 from jaxdem.fluid.plane_cut import is_cut
 from jaxdem.fluid.volume_of_fluid import surface_normal
+from jaxdem.numerics.blocks import any_of
 from jaxdem.numerics.stages import stage
 
 REACH = 4
@@ -68,7 +69,7 @@ def _curvature(grid: Grid, fraction: Array, near: Array) -> Array:
     In stages, see `numerics.stages`: XLA would compute the heights anew for every difference, which takes ten times as
     long.
     """
-    there = _surface_there(fraction)
+    there = _surface_there(grid, fraction)
     normal = stage(there, lambda: surface_normal(grid, fraction))
     # Where the surface stands most steeply on an axis by its slope in lengths, not in cells.
     slopes = [jnp.abs(m) / h for m, h in zip(normal, grid.spacing, strict=True)]
@@ -97,7 +98,7 @@ def surface_tension_gradient(grid: Grid, fraction: Array, tension: Array) -> Fac
         fraction: c of the liquid on the cells [-].
         tension: () sigma [N/m].
     """
-    cells = stage(_surface_there(fraction), lambda: near_surface(grid, fraction))
+    cells = stage(_surface_there(grid, fraction), lambda: near_surface(grid, fraction))
     kappa, near = _curvature(grid, jnp.clip(fraction, 0.0, 1.0), cells), cells.astype(fraction.dtype)
     force = []
     for axis, h in enumerate(grid.spacing):
@@ -109,9 +110,9 @@ def surface_tension_gradient(grid: Grid, fraction: Array, tension: Array) -> Fac
     return tuple(force)
 
 
-def _surface_there(fraction: Array) -> Array:
+def _surface_there(grid: Grid, fraction: Array) -> Array:
     """() bool, whether there are both fluids."""
-    return jnp.any(fraction > 0.0) & jnp.any(fraction < 1.0)
+    return any_of(grid.blocks, jnp.any(fraction > 0.0)) & any_of(grid.blocks, jnp.any(fraction < 1.0))
 
 
 def near_surface(grid: Grid, fraction: Array) -> Array:
@@ -156,7 +157,7 @@ def _of_heights(grid: Grid, fraction: Array, axis: int) -> _Found:
 
 def _of_lower_fluid(grid: Grid, fraction: Array, axis: int) -> _Found:
     """Curvature of the surface of a fluid that fills the lower ends of the columns along an axis."""
-    height, known = stage(_surface_there(fraction), lambda: _heights(grid, fraction, axis))
+    height, known = stage(_surface_there(grid, fraction), lambda: _heights(grid, fraction, axis))
     height = grid.spacing[axis] * height
     across = [a for a in range(grid.dimension) if a != axis]
     first = {a: _differenced(grid, height, a, False) for a in across}

@@ -12,6 +12,9 @@ which is twice as stiff as one that is smooth. Axes along which cells are longer
 as long: a Jacobi step damps waves along the axis of the large conductances alone. Two damped Jacobi steps before and
 after a correction make the cycle symmetric, as conjugate gradients ask for. The coarsest level is inverted.
 
+On several devices the cells are those of a slab as long as two of them lie in one slab. From the first level with few
+cells, or with an odd number of them in a slab, every device has the whole level. The levels are those of one device.
+
 Source: O. Tatebe, Proc. 6th Copper Mountain Conf. on Multigrid Methods, NASA CP-3224 (1993) 621-634; D. Braess,
 Computing 55 (1995) 379-393 (the factor of constant corrections); U. Trottenberg, C. W. Oosterlee, A. Schueller,
 Multigrid (2001), section 5.1 (axes that wait).
@@ -29,11 +32,15 @@ from jax import Array, lax
 
 from jaxdem.fluid.boundary import Boundary, open_fraction
 from jaxdem.fluid.grid import FaceField, Grid, along, sum_of
-from jaxdem.fluid.mesh import of_slab
+from jaxdem.fluid.mesh import of_slab, with_ends
+from jaxdem.numerics.blocks import Blocks
 from jaxdem.numerics.products import PRECISION
 
 COARSEST = 40
 """Cells of a level that is inverted."""
+
+FEW = 256
+"""Cells of a level that every device has as a whole: less work than messages."""
 
 STEPS = 2
 """Jacobi steps before, and after, a correction."""
@@ -52,16 +59,24 @@ class _Level(NamedTuple):
         faces: conductances, on the faces of every axis; those of sides included.
         periodic: whether each axis is; static.
         spacing: sides of a cell; static [m].
+        blocks: slabs that it is cut into; None of a whole one; static.
     """
 
     faces: FaceField
     periodic: tuple[bool, ...]
     spacing: tuple[float, ...]
+    blocks: Blocks | None = None
 
     @property
     def cells(self) -> tuple[int, ...]:
-        """Number of cells per axis."""
+        """Number of cells per axis, of the slab."""
         return tuple(g.shape[axis] - 1 for axis, g in enumerate(self.faces))
+
+    @property
+    def whole_cells(self) -> tuple[int, ...]:
+        """Number of cells of the box per axis."""
+        cut = self.blocks
+        return tuple(n * (cut.number if cut and axis == cut.axis else 1) for axis, n in enumerate(self.cells))
 
     @property
     def diagonal(self) -> Array:
@@ -71,7 +86,7 @@ class _Level(NamedTuple):
 
     def off_diagonal(self, p: Array) -> Array:
         """Sum of conductance times neighbour."""
-        wide, terms = _with_halo(p, self.periodic), []
+        wide, terms = _with_halo(p, self.periodic, self.blocks), []
         inner = [slice(1, -1)] * p.ndim
         for axis, g in enumerate(self.faces):
             below, above = list(inner), list(inner)
@@ -83,8 +98,9 @@ class _Level(NamedTuple):
     @property
     def halved(self) -> tuple[bool, ...]:
         """Along which axes the next level has half as many cells: where these are short, and more than one."""
-        shortest = min(h for h, n in zip(self.spacing, self.cells, strict=True) if n > 1)
-        return tuple(n > 1 and h < STRETCHED * shortest for h, n in zip(self.spacing, self.cells, strict=True))
+        cells = self.whole_cells
+        shortest = min(h for h, n in zip(self.spacing, cells, strict=True) if n > 1)
+        return tuple(n > 1 and h < STRETCHED * shortest for h, n in zip(self.spacing, cells, strict=True))
 
     def coarser(self) -> _Level:
         """The next level."""
@@ -99,14 +115,25 @@ class _Level(NamedTuple):
                 g = 0.5 * jnp.concatenate((inner, along(g, axis, count, None)), axis)
             faces.append(g)
         spacing = tuple(2.0 * h if halves else h for h, halves in zip(self.spacing, halved, strict=True))
-        return _Level(tuple(faces), self.periodic, spacing)
+        return _Level(tuple(faces), self.periodic, spacing, self.blocks).whole_if_needed()
+
+    def whole_if_needed(self) -> _Level:
+        """The level, whole where it has few cells or the next one cannot be made in slabs."""
+        cut = self.blocks
+        if cut is None:
+            return self
+        straddles = self.halved[cut.axis] and self.cells[cut.axis] % 2 == 1
+        if not straddles and math.prod(self.whole_cells) > FEW:
+            return self
+        faces = tuple(_whole(cut, g, int(axis == cut.axis)) for axis, g in enumerate(self.faces))
+        return self._replace(faces=faces, blocks=None)
 
 
 def multigrid(grid: Grid, boundary: Boundary, coefficient: tuple[Array | float, ...]) -> Callable[[Array], Array]:
     """An approximate inverse of -div(coefficient grad), as a function of a cell array.
 
     Args:
-        grid: the grid; of a whole box.
+        grid: the grid.
         boundary: sides; p = 0 on outlets, no flux through the others.
         coefficient: positive, on the faces.
     """
@@ -118,18 +145,24 @@ def multigrid(grid: Grid, boundary: Boundary, coefficient: tuple[Array | float, 
             for upper in (False, True):
                 is_open = of_slab(grid, open_fraction(grid, boundary.side(axis, upper)), g.dtype)
                 ends.append(2.0 * is_open * along(g, axis, *((-1, None) if upper else (0, 1))))
-            g = jnp.concatenate((ends[0], along(g, axis, 1, -1), ends[1]), axis)
+            g = with_ends(grid, axis, g, (ends[0], ends[1]))
         faces.append(g)
-    levels = [_Level(tuple(faces), grid.periodic, grid.spacing)]
-    while math.prod(levels[-1].cells) > COARSEST:
+    levels = [_Level(tuple(faces), grid.periodic, grid.spacing, grid.blocks).whole_if_needed()]
+    while math.prod(levels[-1].whole_cells) > COARSEST:
         levels.append(levels[-1].coarser())
     damped = [DAMPING / level.diagonal for level in levels[:-1]]
     lowest = _inverse(levels[-1], singular=not boundary.has_outlet)
-    return lambda residual: _cycle(levels, damped, lowest, residual)
+    return lambda residual: _cycle(levels, damped, lowest, residual, grid.blocks)
 
 
-def _cycle(levels: list[_Level], damped: list[Array], lowest: Array, residual: Array) -> Array:
-    """One cycle from zero on the first of some levels."""
+def _cycle(
+    levels: list[_Level], damped: list[Array], lowest: Array, residual: Array, blocks: Blocks | None = None
+) -> Array:
+    """One cycle from zero on the first of some levels; `blocks` are the slabs of the residual."""
+    if blocks is not None and levels[0].blocks is None:
+        found = _cycle(levels, damped, lowest, _whole(blocks, residual))
+        count = residual.shape[blocks.axis]
+        return lax.dynamic_slice_in_dim(found, blocks.index() * count, count, blocks.axis)
     if len(levels) == 1:
         flat = jnp.matmul(lowest, residual.reshape(-1), precision=PRECISION)
         return flat.reshape(residual.shape)
@@ -145,20 +178,39 @@ def _cycle(levels: list[_Level], damped: list[Array], lowest: Array, residual: A
     coarse = residual - level.diagonal * p + level.off_diagonal(p)
     for axis, halves in enumerate(level.halved):
         coarse = _in_pairs(coarse, axis) if halves else coarse
-    more = _cycle(levels[1:], damped[1:], lowest, coarse)
+    more = _cycle(levels[1:], damped[1:], lowest, coarse, blocks)
     for axis, halves in enumerate(level.halved):
         more = along(jnp.repeat(more, 2, axis), axis, 0, level.cells[axis]) if halves else more
     return lax.fori_loop(0, STEPS, smoothed, p + more)
 
 
-def _with_halo(p: Array, periodic: tuple[bool, ...]) -> Array:
-    """The array with one layer more on either end of every axis: those of the other end, or zeros."""
-    if not any(periodic):
+def _with_halo(p: Array, periodic: tuple[bool, ...], blocks: Blocks | None) -> Array:
+    """The array with one layer more on either end of every axis: those of the other end or slab, or zeros."""
+    if blocks is None and not any(periodic):
         return jnp.pad(p, 1)
     for axis, wraps in enumerate(periodic):
+        if blocks is not None and axis == blocks.axis:
+            below, above = blocks.from_both(along(p, axis, 0, 1), along(p, axis, -1, None))
+            p = jnp.concatenate((below, p, above), axis)
+            continue
         width = [(1, 1) if a == axis else (0, 0) for a in range(p.ndim)]
         p = jnp.pad(p, width, mode="wrap") if wraps else jnp.pad(p, width)
     return p
+
+
+def _whole(blocks: Blocks, own: Array, more: int = 0) -> Array:
+    """An array of the cells of all slabs, or with one `more` of the faces across the axis that is cut."""
+    axis, last = blocks.axis, blocks.index() == blocks.number - 1
+    count = own.shape[axis] - more
+    shape = tuple(count * blocks.number + more if a == axis else n for a, n in enumerate(own.shape))
+    placed = lax.dynamic_update_slice_in_dim(
+        jnp.zeros(shape, own.dtype), along(own, axis, 0, count), blocks.index() * count, axis
+    )
+    if more:
+        end = jnp.where(last, along(own, axis, -1, None), 0.0)
+        placed = jnp.concatenate((along(placed, axis, None, -1), end), axis)
+    found: Array = blocks.total(placed)
+    return found
 
 
 def _in_pairs(array: Array, axis: int) -> Array:

@@ -22,7 +22,7 @@ from jax import Array
 from jaxdem.fluid.boundary import Boundary, Side, open_fraction
 from jaxdem.fluid.carried_heat import HeatOfPhases
 from jaxdem.fluid.grid import FaceField, Grid, along
-from jaxdem.fluid.mesh import of_slab
+from jaxdem.fluid.mesh import at_side, of_slab
 
 
 class SecondFluid(NamedTuple):
@@ -73,9 +73,13 @@ def liquid_beyond(grid: Grid, second: SecondFluid, axis: int, upper: bool) -> Ar
         here = grid.size[last] if upper else 0.0
         return jnp.where(level > here, 1.0, 0.0).astype(level.dtype).reshape((1,) * grid.dimension)
     h = grid.spacing[last]
-    lower_ends = jnp.asarray(h * np.arange(grid.whole_cells[last]), level.dtype)
-    shape = [-1 if a == last else 1 for a in range(grid.dimension)]
-    return jnp.clip((level - lower_ends) / h, 0.0, 1.0).reshape(shape)
+    lower_ends = of_slab(grid, _upright(grid, h * np.arange(grid.whole_cells[last])), level.dtype)
+    return jnp.clip((level - lower_ends) / h, 0.0, 1.0)
+
+
+def _upright(grid: Grid, values: np.ndarray) -> np.ndarray:
+    """Values along the last axis as an array on cells, of size 1 along the others."""
+    return values.reshape([-1 if a == grid.dimension - 1 else 1 for a in range(grid.dimension)])
 
 
 def inflow_of_sides(grid: Grid, boundary: Boundary, second: SecondFluid) -> tuple[Array | None, ...]:
@@ -105,7 +109,7 @@ def outside_pressure(grid: Grid, second: SecondFluid, density: Array, gravity: A
         height = jnp.full((1,) * grid.dimension, grid.size[last] if side.upper else 0.0, dtype)
     else:
         middles = grid.spacing[last] * (np.arange(grid.whole_cells[last]) + 0.5)
-        height = jnp.asarray(middles, dtype).reshape([-1 if a == last else 1 for a in range(grid.dimension)])
+        height = of_slab(grid, _upright(grid, middles), dtype)
     level = second.side_level[2 * side.axis + side.upper]
     return (second.density - density) * gravity[last] * jnp.maximum(height, level)
 
@@ -123,6 +127,7 @@ def with_outside_pressure(
         is_open = of_slab(grid, open_fraction(grid, side), density.dtype)
         more = is_open * there * ((2.0 if side.upper else -2.0) / grid.spacing[side.axis])
         place = (slice(None),) * side.axis + (slice(-1, None) if side.upper else slice(0, 1),)
+        more = at_side(grid, side.axis, side.upper, more, 0.0)
         result[side.axis] = result[side.axis].at[place].add(jnp.broadcast_to(more, result[side.axis][place].shape))
     return tuple(result)
 
@@ -138,16 +143,18 @@ def with_closed_sides(grid: Grid, boundary: Boundary, faces: FaceField) -> FaceF
         closed = 1.0 - of_slab(grid, open_fraction(grid, side), faces[axis].dtype)
         end, inner = (slice(-1, None), slice(-2, -1)) if side.upper else (slice(0, 1), slice(1, 2))
         before = (slice(None),) * axis
-        result[axis] = result[axis].at[(*before, end)].add(closed * faces[axis][(*before, inner)])
+        more = at_side(grid, axis, side.upper, closed * faces[axis][(*before, inner)], 0.0)
+        result[axis] = result[axis].at[(*before, end)].add(more)
     return tuple(result)
 
 
 def through_sides(grid: Grid, flux: FaceField) -> Array:
-    """(2 D,) volume per time that comes in through every side, lower before upper; zero along periodic axes [m3/s]."""
+    """(2 D,) volume per time that comes in through every side, lower before upper; zero along periodic axes; in a slab
+    what passes there [m3/s]."""
     found = []
     for axis, faces in enumerate(flux):
         area = grid.cell_volume / grid.spacing[axis]
         for sign, ends in ((area, (0, 1)), (-area, (-1, None))):
-            total = jnp.sum(along(faces, axis, *ends))
+            total = at_side(grid, axis, sign < 0.0, jnp.sum(along(faces, axis, *ends)), 0.0)
             found.append(0.0 * total if grid.periodic[axis] else sign * total)
     return jnp.stack(found)

@@ -46,7 +46,10 @@ def fluid_in_slabs(blocks: Blocks, fluid: FluidState) -> FluidState:
     def cut(field: Array, more: int = 0) -> Any:
         return cells_in_slabs(blocks, field, more)
 
-    return _each_part(blocks, fluid, cut, partial(_everywhere, blocks))
+    def counted(array: Array) -> Any:
+        return np.stack([np.asarray(array), *[np.zeros_like(array)] * (blocks.number - 1)])
+
+    return _each_part(blocks, fluid, cut, partial(_everywhere, blocks), counted)
 
 
 def fluid_of_slabs(blocks: Blocks, fluid: FluidState) -> FluidState:
@@ -55,7 +58,7 @@ def fluid_of_slabs(blocks: Blocks, fluid: FluidState) -> FluidState:
     def joined(field: Array, more: int = 0) -> Any:
         return cells_of_slabs(blocks, field, more)
 
-    return _each_part(blocks, fluid, joined, _of_first)
+    return _each_part(blocks, fluid, joined, _of_first, partial(np.sum, axis=0))
 
 
 def _everywhere(blocks: Blocks, array: Array) -> Any:
@@ -120,13 +123,21 @@ def _each_part_of_cut(
 
 
 def _each_part(
-    blocks: Blocks, fluid: FluidState, of_field: Callable[..., Any], of_box: Callable[[Array], Any]
+    blocks: Blocks,
+    fluid: FluidState,
+    of_field: Callable[..., Any],
+    of_box: Callable[[Array], Any],
+    of_sum: Callable[..., Any],
 ) -> FluidState:
+    """With fields, what is one for the box, and what each slab counts, changed."""
     void_fraction, gradient, change = fluid.void_fraction, fluid.mean_gradient, fluid.pressure_change
+    fraction, supplied = fluid.liquid_fraction, fluid.liquid_supplied
     return FluidState(
         tuple(of_field(f, int(axis == blocks.axis)) for axis, f in enumerate(fluid.face_velocity)),
         of_field(fluid.pressure),
         None if void_fraction is None else of_field(void_fraction),
         None if gradient is None else of_box(gradient),
+        liquid_fraction=None if fraction is None else of_field(fraction),
+        liquid_supplied=None if supplied is None else of_sum(supplied),
         pressure_change=None if change is None else of_field(change),
     )

@@ -29,7 +29,7 @@ from jaxdem.fluid.carried_heat import CarriedHeat, carried_heat, lightened
 from jaxdem.fluid.carried_momentum import carried_momentum
 from jaxdem.fluid.curvature import surface_tension_gradient
 from jaxdem.fluid.fluid_state import FluidProperties, FluidState, FluidStep, ParticleFields
-from jaxdem.fluid.grid import CellOrOne, FaceField, face_average, face_control_volume
+from jaxdem.fluid.grid import CellOrOne, FaceField, box_mean, face_average, face_control_volume
 from jaxdem.fluid.local_stress import largest_diffusivity, local_stress
 from jaxdem.fluid.momentum import FluidSolver
 from jaxdem.fluid.pressure import pressure_gradient
@@ -179,7 +179,7 @@ class TwoFluidSolver(FluidSolver):
         if void_fraction is None:
             return 0.0
         growth = (void_fraction - required(state.void_fraction, "void_fraction of the fluid")) / time_step
-        return growth if self.boundary.has_outlet else growth - jnp.mean(growth)
+        return growth if self.boundary.has_outlet else growth - box_mean(self.grid, growth)
 
     def _carried_fraction(
         self,

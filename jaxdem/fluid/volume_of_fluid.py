@@ -27,6 +27,7 @@ from jaxdem.fluid.mesh import Ends, beyond, with_ends
 from jaxdem.fluid.plane_cut import is_cut, offset_of, volume_below
 from jaxdem.fluid.sweeps import ORDERS, in_order
 from jaxdem.numerics.batches import in_any
+from jaxdem.numerics.blocks import any_of
 
 SURFACE_COURANT = 0.5
 """Part of the fluids' volume of a cell that may come in through its faces in a step, and that may leave it: up to it
@@ -152,7 +153,7 @@ def _planes_of_surface(grid: Grid, fraction: Array) -> Plane:
     def nothing(fraction: Array) -> Plane:
         return Plane((jnp.zeros_like(fraction),) * grid.dimension, jnp.zeros_like(fraction), fraction > 2.0)
 
-    there = in_any(jnp.any((fraction > 0.0) & (fraction < 1.0)))
+    there = in_any(any_of(grid.blocks, jnp.any((fraction > 0.0) & (fraction < 1.0))))
     return lax.cond(there, lambda fraction: planes(grid, fraction), nothing, fraction)
 
 

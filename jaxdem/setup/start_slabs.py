@@ -21,6 +21,7 @@ from jaxdem.scalars.scalar_state import ScalarState, Supplied
 from jaxdem.setup.stored import ROWS, SLAB_AXIS, SLAB_COUNT, named, stored
 
 PARTICLES, SPRING = "state.particles.", "state.particles.contact_spring"
+FURTHER = ("liquid_fraction", "liquid_supplied", "pressure_change")
 BONDS, SCALARS = "state.particles.bonds", "state.scalars"
 
 
@@ -56,8 +57,8 @@ def _fluid(arrays: Mapping[str, np.ndarray]) -> FluidState:
     """The fluid in slabs."""
     faces: Any = _vector(arrays, "state.fluid.face_velocity")
     rest: Any = [arrays.get(f"state.fluid.{name}") for name in ("pressure", "void_fraction", "mean_gradient")]
-    change: Any = arrays.get("state.fluid.pressure_change")
-    return FluidState(faces, *rest)._replace(pressure_change=change)
+    further: Any = {name: arrays.get(f"state.fluid.{name}") for name in FURTHER}
+    return FluidState(faces, *rest)._replace(**further)
 
 
 def _scalars(arrays: Mapping[str, np.ndarray]) -> ScalarState:
