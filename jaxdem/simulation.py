@@ -108,15 +108,14 @@ def _spheres(particles: ParticleState, bodies: ParticleProperties) -> tuple[Plac
     """What a list is made of: the particles and their radii; of clumps the bodies as it remembers them, and members."""
     if bodies.clumps is None:
         return None, particles, bodies.radius
-    count = len(particles.position)
-
-    def made(particles: ParticleState, bodies: ParticleProperties) -> tuple[Placed, ParticleState, Array]:
-        placed = members_at(Motion.of(particles), bodies.rigid.offset, bodies.rigid.there)[0]
-        return placed, as_members(particles, bodies.rigid), bodies.spheres(count).radius
-
-    # As one program: outside of `jit` every operation would be compiled by itself.
-    placed, spheres, radius = jax.jit(made)(particles, bodies)
+    placed, spheres, radius = _members(particles, bodies)
     return placed, spheres, radius
+
+
+@jax.jit  # Outside of `jit` every operation would be compiled by itself.
+def _members(particles: ParticleState, bodies: ParticleProperties) -> tuple[Placed, ParticleState, Array]:
+    placed = members_at(Motion.of(particles), bodies.rigid.offset, bodies.rigid.there)[0]
+    return placed, as_members(particles, bodies.rigid), bodies.spheres(len(particles.position)).radius
 
 
 def contact_spheres(particles: ParticleState, bodies: ParticleProperties) -> tuple[ParticleState, Array]:

@@ -1,6 +1,7 @@
 """Strict settings for all tests: float64 unless a test asks for less, no silent rank promotion; programs kept on
 disk."""
 
+import ctypes
 import gc
 import os
 import sys
@@ -42,6 +43,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from figure_texts import watched  # noqa: E402
 
+from jaxdem.particles.neighbor_search import listing  # noqa: E402
 from jaxdem.run import exported  # noqa: E402
 from tests.cases.worlds import runner  # noqa: E402
 
@@ -52,6 +54,33 @@ DEAREST_FIRST = ("devices", "test_start_of_parcels", "test_study", "gradients", 
 def pytest_collection_modifyitems(items):
     """Files are handed to the processes in this order (`--no-loadscope-reorder`)."""
     items.sort(key=lambda item: not any(name in item.nodeid.split("::")[0] for name in DEAREST_FIRST))
+
+
+MOST_MEMORY = 1.5e9
+"""Of a process, at the end of a file, above which it drops its compiled programs [B]."""
+
+
+def resident_memory():
+    """Memory that this process holds [B]; 0 where the system does not tell."""
+    try:
+        return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    except OSError:
+        return 0
+
+
+@pytest.fixture(scope="module", autouse=True)
+def memory_given_back():
+    """A program holds a megabyte or more, and a process compiles thousands; most are of use to one file alone.
+
+    What is dropped lies on disk. The C library keeps what is freed until it is told to give it back.
+    """
+    yield
+    if resident_memory() > MOST_MEMORY:
+        jax.clear_caches()
+        gc.collect()
+        trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
+        if trim is not None:
+            trim(0)
 
 
 @pytest.fixture(autouse=True)
@@ -70,10 +99,11 @@ def own_programs(request):
     if "monkeypatch" not in request.fixturenames:
         yield
         return
-    for kept in (runner, exported.in_memory):
+    programs = (runner, exported.in_memory, listing)
+    for kept in programs:
         kept.cache_clear()
     yield
-    for kept in (runner, exported.in_memory):
+    for kept in programs:
         kept.cache_clear()
 
 

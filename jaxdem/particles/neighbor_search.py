@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
@@ -115,9 +115,7 @@ class NeighborSearch:
         """
         if room is None:
             room = self.room(position, active, radius)
-        # As one program: outside of jit every operation would be compiled by itself.
-        built = jax.jit(self._built)
-        return built(position, low, radius, room, np.zeros((), bool), active, surfaces, placed)
+        return listing(self)(position, low, radius, room, np.zeros((), bool), active, surfaces, placed)
 
     def shapes(
         self,
@@ -368,3 +366,12 @@ class NeighborSearch:
         inside = np.where(geometry.periodic, into_period(stacked, np.asarray(geometry.box)), stacked)
         # A period of zero is none.
         return KDTree(inside, boxsize=np.where(geometry.periodic, geometry.box, 0.0))
+
+
+@functools.lru_cache(maxsize=8)
+def listing(search: NeighborSearch) -> Callable[..., Neighbors]:
+    """The program of a new list; equal searches share it, so that a further run of a scene traces nothing anew.
+
+    Outside of `jit` every operation would be compiled by itself.
+    """
+    return jax.jit(search._built)
