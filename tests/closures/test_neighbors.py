@@ -56,6 +56,12 @@ def wakes():
     return dataclasses.replace(found, mean=jnp.linspace(-0.1, 0.1, 8))
 
 
+fluctuation = jax.jit(fluctuation, static_argnames="at_once")
+neighbor_effect = jax.jit(neighbor_effect, static_argnums=1)
+moments = jax.jit(moments, static_argnums=0)
+"""Compiled as a whole: by single operations they are hundreds of programs."""
+
+
 @jax.jit
 def response(closure, offset, reynolds=10.0, solid_fraction=0.2, carried=None):
     """Force and torque (N, 3) of spheres with neighbours at (N, K, 3) diameters, NaN for none; the weight.
