@@ -22,10 +22,9 @@ from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.surfaces import Cylinder, Plane
 from jaxdem.scene import Scene
 from jaxdem.scene.fluid_walls import keeps_place, seen_by_fluid
-from jaxdem.scene.wall_motion import WallMotion
 from jaxdem.scene.walls import Wall
 from jaxdem.setup.fluid_meshes import distance_of_body, mesh_distance
-from jaxdem.setup.wall_motion import motion_numbers, rigid_motion, tables_of
+from jaxdem.setup.wall_motion import motion_numbers, rigid_motion, tables_of, wall_speed
 from jaxdem.setup.walls import check_presence, surfaces_of
 from jaxdem.solids.clipping import positive_part
 from jaxdem.solids.motion import Drift, RigidMotion, Translation
@@ -162,27 +161,8 @@ def host_numbers(scene: Scene, time: float, displacements: Sequence[float] | Non
 
 
 def wall_speed_in_fluid(scene: Scene) -> float:
-    """A speed that no wall exceeds that the fluid sees: the sum over its motions of the largest speeds, for one that
-    turns at the radius of a cylinder about its axis, else at the diagonal of the box [m/s]."""
-    fastest = 0.0
-    for _, wall in seen_by_fluid(scene.walls):
-        about_itself = wall.kind == "cylinder" and keeps_place(wall)
-        reach = (wall.radius if about_itself else None) or math.hypot(*scene.domain.size)
-        speeds = (_rate(motion) * (reach if motion.turns else 1.0) for motion in wall.motion or ())
-        fastest = max(fastest, sum(speeds))
-    return fastest
-
-
-def _rate(motion: WallMotion) -> float:
-    """The largest speed [m/s] or angular velocity [rad/s] of a motion."""
-    if motion.velocity is not None:
-        return math.hypot(*motion.velocity)
-    if motion.frequency is not None and motion.amplitude is not None:
-        return 2.0 * math.pi * motion.frequency * motion.amplitude
-    if motion.times is not None:
-        values = motion.displacement or motion.angle or ()
-        return float(np.max(np.abs(np.diff(values) / np.diff(motion.times))))
-    return abs(motion.rate or 0.0)
+    """The largest speed of a given motion in the box, of the walls that the fluid sees [m/s]."""
+    return max((wall_speed(scene, number) for number, _ in seen_by_fluid(scene.walls)), default=0.0)
 
 
 def _placed_distance(

@@ -35,13 +35,22 @@ def sound_mesh(key: str, wall: Wall, scene: Scene, smallest: float) -> tuple[Sur
     Raises:
         InputError: its file cannot be read, or the mesh is broken or lies where it cannot be meant to.
     """
-    mesh, defects = _checked(key, wall, _read(key, wall, scene.dimension))
+    mesh, defects = _checked(key, wall, placed_mesh(key, wall, scene.dimension))
     _check_place(key, wall, mesh, scene, smallest)
     return mesh, defects
 
 
-def _read(key: str, wall: Wall, dimension: int) -> SurfaceMesh:
-    """The mesh of a wall, in the box [m]."""
+def placed_mesh(key: str, wall: Wall, dimension: int) -> SurfaceMesh:
+    """The mesh of a wall as its file or its points have it, scaled, turned and shifted, without its motion [m].
+
+    Args:
+        key: of the wall's table.
+        wall: the table.
+        dimension: of the scene.
+
+    Raises:
+        InputError: its file cannot be read.
+    """
     if wall.points is not None:
         mesh = polyline(wall.points, bool(wall.closed))
     else:

@@ -14,8 +14,11 @@ from jaxdem.errors import InputError, required
 from jaxdem.numerics.placement import Placement
 from jaxdem.particles.moving_walls import Numbers, Piston, PistonNumbers, SurfaceMotion
 from jaxdem.scene import Scene
+from jaxdem.scene.fluid_walls import keeps_place
 from jaxdem.scene.walls import Wall
 from jaxdem.setup.as_arrays import Values
+from jaxdem.setup.mesh_sources import placed_mesh
+from jaxdem.setup.mesh_tables import hull_of
 from jaxdem.setup.particles import ParticleSetup
 from jaxdem.setup.walls import surfaces_of
 from jaxdem.solids.motion import RigidMotion, Table
@@ -94,13 +97,38 @@ def placements_at(scene: Scene, time: float) -> tuple[Placement | None, ...]:
     return tuple(placement_of(tables_of(wall), time) if wall.motion else None for wall in scene.walls)
 
 
-def wall_speed(scene: Scene, wall: Wall) -> float:
-    """The largest speed of a given motion in the box during the run [m/s]."""
-    return _speed(wall, scene.domain.size, scene.time.end) if wall.motion else 0.0
+def wall_speed(scene: Scene, number: int) -> float:
+    """The largest speed of a given motion in the box during the run, of one of the walls of a scene [m/s].
+
+    That of the points that enclose a mesh, or of the outline of a cylinder that keeps its place; of other walls, which
+    may reach through the box, at its corners.
+    """
+    wall = scene.walls[number]
+    if not wall.motion:
+        return 0.0
+    points = _outermost(f"walls.{number}", wall, scene.dimension)
+    return _speed(wall, scene.domain.size, scene.time.end, points)
+
+
+def _outermost(key: str, wall: Wall, dimension: int) -> tuple[tuple[float, ...], ...]:
+    """Points of a wall that turns, without its motion, of which one is the fastest of it; () where it has no end or
+    all of it has one speed."""
+    if not any(motion.turns for motion in wall.motion or ()):
+        return ()
+    if wall.kind == "mesh":
+        return tuple(map(tuple, hull_of(placed_mesh(key, wall, dimension)).tolist()))
+    if wall.kind == "cylinder" and keeps_place(wall):  # it turns about its axis
+        axis = np.asarray(unit(wall.axis)) if wall.axis is not None else np.zeros(dimension)
+        across = np.eye(dimension)[np.argmin(np.abs(axis))]
+        across = across - axis * (axis @ across)
+        radius = required(wall.radius, "radius") / np.linalg.norm(across)
+        return (tuple((np.asarray(wall.center) + radius * across).tolist()),)
+    return ()
 
 
 @functools.lru_cache(maxsize=64)
-def _speed(wall: Wall, box: tuple[float, ...], end: float) -> float:
+def _speed(wall: Wall, box: tuple[float, ...], end: float, points: tuple[tuple[float, ...], ...]) -> float:
+    """The largest speed at the corners of the box, or that of these points of the wall (D numbers each), if less."""
     motion, numbers = (
         required(rigid_motion(wall), "motion"),
         [{k: number(v) for k, v in part.items()} for part in numbers_of(tables_of(wall))],
@@ -113,16 +141,26 @@ def _speed(wall: Wall, box: tuple[float, ...], end: float) -> float:
             changes += [part.active.begin + time for time in part.course.times]
         times += [time * (1.0 + 1e-12) for time in changes if time < end]
     corners = np.asarray(np.meshgrid(*[(0.0, length) for length in box])).reshape(len(box), -1)
-    fastest = 0.0
+    own = np.asarray(points)
+    in_box, of_points = 0.0, 0.0
     for time in times:
-        velocity = motion.at(numbers, (number(time), None)).velocity_at(tuple(corners))  # type: ignore[arg-type]
-        fastest = max(fastest, float(np.sqrt(np.max(sum(np.square(component) for component in velocity)))))
-    return fastest
+        placed = motion.at(numbers, (number(time), None))  # type: ignore[arg-type]
+        in_box = max(in_box, _fastest(placed, corners))
+        if points:
+            turned = own if placed.rotation is None else own @ np.asarray(placed.rotation).T
+            of_points = max(of_points, _fastest(placed, (turned + np.asarray(placed.shift)).T))
+    return min(in_box, of_points) if points else in_box
+
+
+def _fastest(placed: Placement, position: np.ndarray) -> float:
+    """The largest speed of a body at positions (D, P) [m/s]."""
+    velocity = placed.velocity_at(tuple(position))  # type: ignore[arg-type]
+    return float(np.sqrt(np.max(sum(np.square(component) for component in velocity))))
 
 
 def fastest_wall(scene: Scene) -> float:
     """The largest speed of a wall of the scene in the box [m/s]; of pistons only their given motion."""
-    return max((wall_speed(scene, wall) for wall in scene.walls), default=0.0)
+    return max((wall_speed(scene, number) for number in range(len(scene.walls))), default=0.0)
 
 
 def check_displacement(scene: Scene, contact_step: float, radius: float) -> None:
@@ -136,8 +174,8 @@ def check_displacement(scene: Scene, contact_step: float, radius: float) -> None
     Raises:
         InputError: naming the motion and the step that works.
     """
-    for k, wall in enumerate(scene.walls):
-        speed = wall_speed(scene, wall)
+    for k in range(len(scene.walls)):
+        speed = wall_speed(scene, k)
         if speed * contact_step > LARGEST_DISPLACEMENT * radius:
             longest = LARGEST_DISPLACEMENT * radius / speed
             raise InputError(
