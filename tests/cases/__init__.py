@@ -26,6 +26,7 @@ MODULES = (
     "walls_in_fluid",
     "moving_in_fluid",
     "pistons_in_fluid",
+    "consolidation",
     "exchange",
     "fluidised",
     "hindered",
