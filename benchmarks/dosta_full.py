@@ -1,0 +1,165 @@
+"""The impact of Dosta et al. (2024) at full size, 25,000 spheres of 1e9 Pa, and the speed of the full cases.
+
+The layer is a dense disordered pack that falls by some millimetres and comes to rest with soft contacts. Its spheres
+are then moved apart until none overlaps, and rest for a moment with stiff contacts: at the overlaps of soft ones they
+would burst apart. The ball is one more sphere, put on the layer at the speed of the impact.
+
+    python benchmarks/dosta_full.py             the impact to its end
+    python benchmarks/dosta_full.py --rate      speed of its steps, with and without the balance of energy
+
+Sources: M. Dosta et al., Comput. Phys. Commun. 296 (2024) 109066; the ball (radius 10 mm, 7,200 kg/m3, free to turn and
+to give way) is that of the script of one of the programs, `examples/DEM2020Benchmark/Case3_PenetrationTest.py` of YADE.
+The section of the box is not in our sources: `SIDE` is ours. So is Young's modulus of the ball, that of the spheres in
+place of 210 GPa: the limit of the contact step takes the stiffest pair of materials for all contacts, and would be
+1e-7 s. A contact of the ball is half as stiff.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT))  # run as a script from anywhere
+
+import jax  # noqa: E402
+
+import jaxdem  # noqa: E402
+from benchmarks import harness  # noqa: E402
+from benchmarks.dosta import energy, run_of, tables_of  # noqa: E402
+from jaxdem.io import Run  # noqa: E402
+from jaxdem.setup.builder import build_case  # noqa: E402
+
+SPHERES, RADIUS, SIDE = 25_000, 0.002, 0.12
+BALL, DENSITY, SPEED = 0.01, 7200.0, 5.0
+FRACTION = 0.58
+"""Solid fraction of the pack before it comes to rest."""
+
+SOFT, STIFF = 1e7, 1e9
+"""Young's modulus while the layer comes to rest, and in the impact [Pa]."""
+
+REST, HEIGHT = 0.04, 0.005
+"""Time for which it comes to rest [s]; and distance of the ball from it, which gives it 1 ms more [m]."""
+
+
+EXPECTED = 1.0
+"""Speed for the overlap on which the stability of the contact step stands [m/s]. It is that of an impact of the ball on
+another ball: at 5 m/s this is deeper by far than what the spheres do below it."""
+
+
+def scene(modulus: float, end: float, **more: Any) -> dict[str, Any]:
+    """The layer as tables."""
+    tables = tables_of("impact")
+    kept = {key: tables[key] for key in ("seed", "materials", "material_pairs")}
+    kept["materials"][0]["young_modulus"] = modulus
+    deep = SPHERES * 4.0 / 3.0 * np.pi * RADIUS**3 / (FRACTION * SIDE**2)
+    region = {"shape": "box", "start": [0.0, 0.0, 0.0], "stop": [SIDE, SIDE, round(float(deep), 5)]}
+    return kept | {
+        "domain": {"size": [SIDE, SIDE, 0.16]},
+        "particles": {
+            "radius": RADIUS, "density": 2500.0, "material": "M1",
+            "pack": {"kind": "grown", "count": SPHERES, "region": region},
+        },
+        "contact": {"poisson_ratio": 0.2, "wall_material": "steel", "speed": 0.5},
+        "coupling": {"interval": 5e-4},
+        "time": {"end": end, "output_interval": 0.005},
+    } | more  # fmt: skip
+
+
+def surface(position: np.ndarray) -> float:
+    """Height of the layer below the ball [m]: of the highest of its spheres (N, 3) near the middle."""
+    near = np.hypot(*(position[:, :2] - 0.5 * SIDE).T) < BALL + RADIUS
+    return float(position[near, 2].max()) + RADIUS
+
+
+def with_ball(rested: Path, duration: float, balance: bool) -> dict[str, Any]:
+    """The layer and the ball as tables; the ball has the speed of the impact when it meets the layer."""
+    run = jaxdem.load_run(rested)
+    position = np.asarray(run.particles(int(np.argmin(np.abs(run.times - REST))))["position"])
+    place = [0.5 * SIDE, 0.5 * SIDE, round(surface(position) + BALL + HEIGHT, 6)]
+    speed = math.sqrt(SPEED**2 - 2.0 * 9.81 * HEIGHT)
+    ball = {"radius": BALL, "density": DENSITY, "material": "ball", "position": [place], "velocity": [[0, 0, -speed]]}
+    tables = scene(STIFF, REST + duration, output={"energy": balance})
+    del tables["particles"]["pack"]
+    own = {"restitution": 0.4, "friction": 0.2}
+    tables["materials"].append({"name": "ball", "young_modulus": STIFF} | own)
+    tables["material_pairs"].append({"materials": ["M1", "ball"]} | own)
+    tables["contact"]["speed"] = EXPECTED
+    tables["time"]["output_interval"] = 0.001
+    return tables | {"start": {"from": str(rested), "time": REST, "relax": True, "add": ball}}
+
+
+def rate(after: Path, balance: bool, repeats: int = 5) -> dict[str, Any]:
+    """Million steps of a particle in a second, wall and processor time, from the newest state of an impact on."""
+    end = float(jaxdem.load_run(after).summary["time"])
+    tables = with_ball(after.parent / "layer", 0.0, balance)
+    tables |= {"start": {"from": str(after)}, "time": {"end": end + 0.01, "output_interval": 0.001}}
+    case = build_case(jaxdem.load_scene(tables))
+    state, neighbors = case.initial_state()
+    step, steps = jax.jit(case.simulation.step), case.simulation.contact.steps
+    state, neighbors, _ = jax.block_until_ready(step(case.parameters, state, neighbors))
+    wall, processor = [], []
+    for _ in range(repeats):
+        begin, own = time.perf_counter(), time.process_time()
+        state, neighbors, report = jax.block_until_ready(step(case.parameters, state, neighbors))
+        work = 1e-6 * (SPHERES + 1) * steps
+        wall.append(work / (time.perf_counter() - begin))
+        processor.append(work / (time.process_time() - own))
+        assert not bool(report.particles.overflow)
+    return {"steps": steps, "wall": harness.spread(wall), "processor": harness.spread(processor)}
+
+
+def measured(run: Run) -> dict[str, Any]:
+    """Depth and speed of the ball over time since it met the layer, as far as the run has got."""
+    frames = [run.particles(k) for k in range(len(run.times))]
+    ball = int(np.argmax(np.asarray(frames[0]["radius"])))
+    place = np.array([np.asarray(frame["position"])[ball] for frame in frames], float)
+    speed = -np.array([np.asarray(frame["velocity"])[ball, 2] for frame in frames], float)
+    passed = np.asarray(run.times) - run.times[0]
+    before = int(np.searchsorted(passed, 0.001)) - 1  # a frame shortly before
+    top = surface(np.delete(np.asarray(frames[before]["position"]), ball, axis=0))
+    met = passed[before] + (place[before, 2] - BALL - top) / speed[before]
+    depth = top - (place[:, 2] - BALL)
+    counts = run.summary["counts"]
+    return {
+        "spheres": SPHERES, "side_m": SIDE, "layer_m": top, "time_s": (passed - met).tolist(),
+        "depth_m": depth.tolist(), "speed_m_s": speed.tolist(), "deepest_m": float(depth.max()),
+        "stopped_s": float(passed[np.argmax(depth)] - met), "last_m": float(depth[-1]),
+        "followed_s": float(passed[-1] - met), "contact_step_s": run.summary["time_steps"]["contact"],
+        "particle_steps": counts["contact_steps"] * counts["particles"],
+        "sideways_m": float(np.hypot(*(place[-1, :2] - place[0, :2]))),
+    }  # fmt: skip
+
+
+def main() -> None:
+    """The layer, then the impact, or the speed of its steps."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--folder", type=Path, default=ROOT / "runs" / "dosta_full")
+    parser.add_argument("--duration", type=float, default=0.101, help="of the impact, 1 ms of fall included [s]")
+    parser.add_argument("--rate", action="store_true")
+    parser.add_argument("--no-energy", action="store_true", help="without the balance of energy")
+    given = parser.parse_args()
+    given.folder.mkdir(parents=True, exist_ok=True)
+    layer, impact = given.folder / "layer", given.folder / "impact"
+    if given.rate:
+        for balance in (False, True):
+            print("with" if balance else "without", "the balance of energy:", rate(impact, balance), flush=True)
+        return
+    _, rested_s = run_of(scene(SOFT, REST), layer)
+    print(f"the layer took {rested_s:.0f} s of processor time", flush=True)
+    tables = with_ball(layer, given.duration, not given.no_energy)
+    run, seconds = run_of(tables, impact)
+    found = measured(run) | {"energy": energy(run)} if tables["output"]["energy"] else measured(run)
+    found |= {"processor_s": seconds, "layer_processor_s": rested_s}
+    lines = [f"| {key} | {value:.4g} |" for key, value in found.items() if isinstance(value, int | float)]
+    harness.write("dosta_full", {"impact": found}, "\n".join(["| figure | value |", "| --- | --- |", *lines]))
+
+
+if __name__ == "__main__":
+    main()
