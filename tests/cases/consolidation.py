@@ -135,6 +135,12 @@ class Column:
         self.march.state, self.march.neighbors = self.at_rest
 
     @property
+    def mass(self) -> float:
+        """Of the grains [kg]."""
+        radius = np.asarray(self.march.parameters.bodies.radius)
+        return float(np.sum(4.0 / 3.0 * np.pi * radius**3 * DENSITY))
+
+    @property
     def height(self) -> float:
         """From the floor to the piston [m]."""
         return self.top - float(self.march.state.particles.pistons.displacement[0])
@@ -147,16 +153,16 @@ class Found(NamedTuple):
         modulus: constrained, of slow drained loading [Pa].
         permeability: superficial velocity over pressure gradient [m2/(Pa s)].
         height: drainage path [m].
-        start: pressure that the step puts on the water [Pa].
+        inertia: mass of the grains over the volume of the pack [kg/m3].
         time: after the step [s].
-        pressure: at the base, means between the times, over `start`.
+        pressure: at the base, means between the times, over the step.
         settled: of the piston, over that of slow loading.
     """
 
     modulus: float
     permeability: float
     height: float
-    start: float
+    inertia: float
     time: np.ndarray
     pressure: np.ndarray
     settled: np.ndarray
@@ -165,6 +171,12 @@ class Found(NamedTuple):
     def coefficient(self) -> float:
         """Of consolidation, c_v [m2/s]."""
         return self.modulus * self.permeability
+
+    @property
+    def ringing(self) -> float:
+        """Time in which an elastic wave goes through the pack and back, 2 H/sqrt(M/rho) [s]: the theory has no
+        inertia."""
+        return 2.0 * self.height * float(np.sqrt(self.inertia / self.modulus))
 
     @property
     def measured(self) -> float:
@@ -206,7 +218,7 @@ def measured(columns: int, layers: int) -> Found:
         modulus=start * height / slow,
         permeability=flow * height / drop,
         height=height,
-        start=start,
+        inertia=column.mass / (column.area * height),
         time=np.array(time),
         pressure=np.array(pressure),
         settled=np.array(settled),
@@ -223,13 +235,14 @@ def consolidation(columns: int = 8, layers: int = 32) -> list[Figure]:
     """Excess pressure at the undrained base and settlement of the piston after a step of its force.
 
     The modulus is that of slow drained loading from the same state, the permeability that of a flow through the pack,
-    so that no number is fitted. All gates are 10 % of the whole [kernels smooth the solid fraction over 2 diameters at
-    the piston, and friction makes a step and a slow load differ].
+    so that no number is fitted. What comes before an elastic wave has gone through the pack and back is left out. All
+    gates are 10 % of the whole [kernels smooth the solid fraction at the piston; contacts slide as the load grows, so
+    that the pack is softer at the end of the step than on average].
     """
     found = measured(columns, layers)
     scale = found.coefficient / found.height**2
     middle = 0.5 * (found.time[1:] + found.time[:-1])
-    late = middle * scale > 0.02
+    late = found.time[:-1] > found.ringing
     pressure = found.pressure - pressure_at_base(middle * scale)
     settled = found.settled - settlement(found.time[1:] * scale)
     return [
