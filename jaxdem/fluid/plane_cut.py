@@ -7,7 +7,8 @@ empty, to 1, where it is full. With m1 <= m2 <= m3 and offsets up to 1/2, the re
     V = [a (a - m1) + m1^2/3] / (2 m2 m3) - [(a - m2)+^3 + (a - m3)+^3] / (6 m1 m2 m3)  m1 <= a < m1 + m2
     V = (2 a - m1 - m2) / (2 m3)                                                        m1 + m2 <= a.
 
-In 2-D m1 = 0. The terms are so written that small components do no harm: (a - m2)+ is at most m1 here.
+In 2-D, with m1 <= m2, that is a^2 / (2 m1 m2) for a < m1 and (2 a - m1) / (2 m2) beyond. The terms are so written that
+small components do no harm: (a - m2)+ is at most m1 in 3-D.
 
 Source: R. Scardovelli, S. Zaleski, J. Comput. Phys. 164 (2000) 228-237.
 """
@@ -35,7 +36,8 @@ def volume_below(normal: tuple[Array, ...], offset: Array) -> Array:
     """
     offset = jnp.clip(offset, 0.0, 1.0)
     upper = offset > 0.5  # not the smaller of two: the slope of that is lost where they are equal
-    volume = _smaller_volume(_sorted(normal), jnp.where(upper, 1.0 - offset, offset))
+    smaller = _smaller_area if len(normal) == 2 else _smaller_volume
+    volume = smaller(_sorted(normal), jnp.where(upper, 1.0 - offset, offset))
     return jnp.where(upper, 1.0 - volume, volume)
 
 
@@ -46,20 +48,8 @@ def offset_of(normal: tuple[Array, ...], volume: Array) -> Array:
         normal: D components m >= 0 that add up to 1.
         volume: between 0 and 1, both excluded [-].
     """
-    m = _sorted(normal)
-    m1, m2, m3 = m
-    v = jnp.where(volume > 0.5, 1.0 - volume, volume)
-    safe_m2 = jnp.where(m2 > _SMALL, m2, 1.0)
-    corner = m1 * (m1 / safe_m2) / (6.0 * m3)
-    in_corner = v < corner
-    flat = (m1 + m2 <= m3) & (v >= (m1 + m2) / (2.0 * m3))
-    root = jnp.where(in_corner, 6.0 * m1 * m2 * m3 * v, 1.0)
-    offset = jnp.where(in_corner, jnp.cbrt(root), m3 * v + 0.5 * (m1 + m2))
-    between = ~(in_corner | flat)
-    square = jnp.where(between, m1**2 + 8.0 * m2 * m3 * (v - corner), 1.0)
-    offset = jnp.where(between, 0.5 * (m1 + jnp.sqrt(square)), offset)
-    if len(normal) == 3:
-        offset = _refined(m, v, offset, between & (offset > m2) & (m1 > _SMALL))
+    smaller = _smaller_offset_in_2d if len(normal) == 2 else _smaller_offset
+    offset = smaller(_sorted(normal), jnp.where(volume > 0.5, 1.0 - volume, volume))
     return jnp.where(volume > 0.5, 1.0 - offset, offset)
 
 
@@ -73,17 +63,47 @@ def is_cut(fraction: Array) -> Array:
     return (fraction > rounding) & (fraction < 1.0 - rounding)
 
 
-def _sorted(normal: tuple[Array, ...]) -> tuple[Array, Array, Array]:
-    """The components in rising order, with a zero before those in 2-D."""
+def _sorted(normal: tuple[Array, ...]) -> tuple[Array, ...]:
+    """The components in rising order."""
     low, high = jnp.minimum(normal[0], normal[1]), jnp.maximum(normal[0], normal[1])
     if len(normal) == 2:
-        return jnp.zeros_like(low), low, high
+        return low, high
     third = normal[2]
     return jnp.minimum(low, third), jnp.maximum(low, jnp.minimum(high, third)), jnp.maximum(high, third)
 
 
-def _smaller_volume(m: tuple[Array, Array, Array], a: Array) -> Array:
-    """The volume for an offset of at most 1/2; see the module."""
+def _smaller_area(m: tuple[Array, ...], a: Array) -> Array:
+    """The volume for an offset of at most 1/2, in 2-D; see the module."""
+    m1, m2 = m
+    beyond = a >= m1
+    corner = (a / jnp.where(beyond, 1.0, m1)) * a
+    return jnp.where(beyond, 2.0 * a - m1, corner) / (2.0 * m2)
+
+
+def _smaller_offset_in_2d(m: tuple[Array, ...], v: Array) -> Array:
+    """The offset for a volume of at most 1/2, in 2-D."""
+    m1, m2 = m
+    beyond = v >= m1 / (2.0 * m2)
+    return jnp.where(beyond, m2 * v + 0.5 * m1, jnp.sqrt(jnp.where(beyond, 1.0, 2.0 * m1 * m2 * v)))
+
+
+def _smaller_offset(m: tuple[Array, ...], v: Array) -> Array:
+    """The offset for a volume of at most 1/2, in 3-D."""
+    m1, m2, m3 = m
+    safe_m2 = jnp.where(m2 > _SMALL, m2, 1.0)
+    corner = m1 * (m1 / safe_m2) / (6.0 * m3)
+    in_corner = v < corner
+    flat = (m1 + m2 <= m3) & (v >= (m1 + m2) / (2.0 * m3))
+    root = jnp.where(in_corner, 6.0 * m1 * m2 * m3 * v, 1.0)
+    offset = jnp.where(in_corner, jnp.cbrt(root), m3 * v + 0.5 * (m1 + m2))
+    between = ~(in_corner | flat)
+    square = jnp.where(between, m1**2 + 8.0 * m2 * m3 * (v - corner), 1.0)
+    offset = jnp.where(between, 0.5 * (m1 + jnp.sqrt(square)), offset)
+    return _refined(m, v, offset, between & (offset > m2) & (m1 > _SMALL))
+
+
+def _smaller_volume(m: tuple[Array, ...], a: Array) -> Array:
+    """The volume for an offset of at most 1/2, in 3-D; see the module."""
     m1, m2, m3 = m
     in_corner, flat = (a < m1) & (m1 > _SMALL), a >= m1 + m2
     between = ~(in_corner | flat)
@@ -97,7 +117,7 @@ def _smaller_volume(m: tuple[Array, Array, Array], a: Array) -> Array:
     return jnp.where(in_corner, corner, jnp.where(flat, (2.0 * a - m1 - m2) / (2.0 * m3), section))
 
 
-def _refined(m: tuple[Array, Array, Array], v: Array, first: Array, where: Array) -> Array:
+def _refined(m: tuple[Array, ...], v: Array, first: Array, where: Array) -> Array:
     """The root of the cubic by Newton's method from below; the volume is convex up to 1/2, so it converges.
 
     Its slope is that of the last step, which is the exact one at the root.
