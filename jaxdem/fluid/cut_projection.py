@@ -16,28 +16,13 @@ from jaxdem.fluid.boundary import Boundary
 from jaxdem.fluid.cut_cells import CutCells
 from jaxdem.fluid.grid import CellOrOne, FaceField, Grid, agreed, box_largest, divergence, sum_of
 from jaxdem.fluid.pressure import SolverReport, pressure_gradient, solve_pressure
+from jaxdem.fluid.projection import Projected
 from jaxdem.numerics.batches import cond_in_batch
 from jaxdem.numerics.blocks import total
 from jaxdem.numerics.products import PRECISION
 
 FLUX_TOLERANCE = 1e-3
 """Largest divergence of the flux that carries momentum within a step, in units of U/h."""
-
-
-class _Projected(NamedTuple):
-    """A velocity on its way through the projection.
-
-    Attributes:
-        velocity: on the faces [m/s].
-        pressure: that has acted on it [Pa].
-        source: divergence that is left, on the cells [1/s].
-        iterations: () of the solver so far.
-    """
-
-    velocity: FaceField
-    pressure: Array
-    source: Array
-    iterations: Array
 
 
 class CutContinuity(NamedTuple):
@@ -95,12 +80,12 @@ class CutContinuity(NamedTuple):
         scale = self._rate(flux) + box_largest(grid, jnp.abs(jnp.asarray(self.growth, dtype))) + jnp.finfo(dtype).tiny
         tolerance = 2e-6 if dtype == jnp.float32 else 2e-12
         slope, source, ahead = self._foreseen(divergence(grid, flux) + self.growth, coefficient)
-        begun = _Projected(predicted, pressure, source, jnp.zeros((), jnp.int32))
+        begun = Projected(predicted, pressure, source, jnp.zeros((), jnp.int32))
         if slope is not None and ahead is not None:
             velocity = tuple(u - c * s for u, c, s in zip(predicted, push, slope, strict=True))
             begun = begun._replace(velocity=velocity, pressure=pressure + ahead)
 
-        def solved(now: _Projected) -> _Projected:
+        def solved(now: Projected) -> Projected:
             correction, report = solve_pressure(
                 grid, self.boundary, coefficient, now.source, tolerance * scale, self._fluid
             )
@@ -108,7 +93,7 @@ class CutContinuity(NamedTuple):
             velocity = agreed(grid, tuple(u - c * s for u, c, s in zip(now.velocity, push, slope, strict=True)))
             flux = tuple(g * u for g, u in zip(void_fraction, velocity, strict=True))
             left = divergence(grid, flux) + self.growth
-            return _Projected(velocity, now.pressure + correction, left, now.iterations + report.iterations)
+            return Projected(velocity, now.pressure + correction, left, now.iterations + report.iterations)
 
         found = solved(begun)
         if dtype == jnp.float32:

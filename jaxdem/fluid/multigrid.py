@@ -35,6 +35,7 @@ from jaxdem.fluid.grid import FaceField, Grid, along, sum_of
 from jaxdem.fluid.mesh import of_slab, with_ends
 from jaxdem.numerics.blocks import Blocks
 from jaxdem.numerics.products import PRECISION
+from jaxdem.numerics.stages import stage
 
 COARSEST = 40
 """Cells of a level that is inverted."""
@@ -172,9 +173,10 @@ def _cycle(
         # p + step (residual - A p), whose diagonal part is known.
         return (1.0 - DAMPING) * p + step * (residual + level.off_diagonal(p))
 
-    # Loops, and not one expression: XLA would fuse that into one loop over cells, which computes every step anew for
-    # each neighbour that asks for it, six times as long in all.
-    p = lax.fori_loop(0, STEPS, smoothed, jnp.zeros_like(residual))
+    # Loops and stages, and not one expression: XLA would fuse that into one loop over cells, which computes every step
+    # anew for each neighbour that asks for it, six times as long in all. The first step is from zero.
+    conducts = step[(0,) * step.ndim] > 0.0
+    p = stage(conducts, lambda: lax.fori_loop(1, STEPS, smoothed, step * residual))
     coarse = residual - level.diagonal * p + level.off_diagonal(p)
     for axis, halves in enumerate(level.halved):
         coarse = _in_pairs(coarse, axis) if halves else coarse
