@@ -79,7 +79,7 @@ def print_run(result: Run) -> None:
     parts = [
         f"{name} {seconds:.3g} s{' (estimated)' if name in marked else ''}"
         for name, seconds in stages.items()
-        if seconds is not None and name != "compile"
+        if seconds and name != "compile"
     ]
     rows = {
         "valid": "yes" if summary.get("valid") else "no",

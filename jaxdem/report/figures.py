@@ -17,6 +17,9 @@ from jaxdem.report.runs import Array
 OFF_SCALE = 3.0
 """An unsound run may stretch an axis by this factor; beyond, it leaves the panel, and the panel says so."""
 
+STEADY = 2e-3
+"""What changes by less than this part of its size is drawn on an axis of that length [-]."""
+
 FRONT = "Pareto front: none is both faster and better"
 
 
@@ -55,9 +58,10 @@ def _metric_panel(metric: Metric, rows: Sequence[Row]) -> Panel | None:
         if not row.ranked and row.role != "noise":
             last = [np.flatnonzero(np.isfinite(values))[-1]]
             series.append(Series("end of an unsound run", times[last], values[last], style.INVALID, marker="x"))
-    limits = sound_limits([values for row, values in shown if row.ranked], [values for _, values in shown])
+    every = [values for _, values in shown]
+    limits = sound_limits([values for row, values in shown if row.ranked], every)
     note = "an unsound run leaves this panel" if limits else ""
-    return Panel("time [s]", y_label, series, y_limits=limits, note=note)
+    return Panel("time [s]", y_label, series, y_limits=limits or steady_limits(every), note=note)
 
 
 def _has(history: dict[str, Array] | None, name: str) -> bool:
@@ -72,6 +76,18 @@ def sound_limits(sound: Sequence[Array], every: Sequence[Array]) -> tuple[float,
         return None
     margin = 0.08 * (np.ptp(inner) or abs(inner[0]) or 1.0)
     return float(inner.min() - margin), float(inner.max() + margin)
+
+
+def steady_limits(every: Sequence[Array]) -> tuple[float, float] | None:
+    """Axis limits where nothing changes by more than `STEADY`, so that its last digits do not fill the panel; else
+    None."""
+    values = np.concatenate([np.empty(0), *every])
+    values = values[np.isfinite(values)]
+    largest = float(np.abs(values).max(initial=0.0))
+    if not len(values) or np.ptp(values) >= STEADY * largest:
+        return None
+    middle = 0.5 * float(values.min() + values.max())
+    return middle - 0.5 * STEADY * largest, middle + 0.5 * STEADY * largest
 
 
 def error_panel(comparison: Comparison) -> Panel:

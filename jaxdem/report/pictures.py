@@ -307,6 +307,7 @@ def add_legends(
                 aspect=min(inches, 7.0) / 0.14,
             )  # fmt: skip
             bar.ax.ticklabel_format(axis="x", scilimits=(-3, 4), useMathText=True)
+            bar.ax.locator_params(axis="x", nbins=max(3, int(1.5 * min(inches, 7.0))))
     kinds = {opening.kind for picture in shown for opening in picture.openings}
     handles = [Line2D([], [], color=OPENINGS[kind], linewidth=3.0, label=kind) for kind in OPENINGS if kind in kinds]
     for picture in shown:

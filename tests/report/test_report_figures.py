@@ -129,6 +129,13 @@ def test_sound_runs_choose_the_axis(make: Any) -> None:
     assert height.y_limits is None and not height.note
 
 
+def test_digits_of_what_is_steady_do_not_fill_a_panel() -> None:
+    steady, moving = np.array([0.06, np.nan, 0.06 + 2.7e-6]), np.array([0.06, 0.07])
+    low, high = figures.steady_limits([steady])
+    assert low < 0.06 - 5e-5 and high > 0.06 + 5e-5 and high - low == pytest.approx(figures.STEADY * 0.06, rel=1e-3)
+    assert figures.steady_limits([steady, moving]) is None and figures.steady_limits([np.zeros(3)]) is None
+
+
 def test_metrics_without_meaning_are_left_out_and_named(make: Any, saved: list[Any], tmp_path: Path) -> None:
     """In file, page and error: the mean pressure of a closed box, the front and the top of a periodic one."""
     closed, periodic = make("closed"), make("periodic")
