@@ -140,7 +140,13 @@ class CellGrid:
 
 
 def neighbors_in_cells(
-    grid: CellGrid, position: Vector, slots: int, cell_slots: int, active: Array | None = None, members: int = 1
+    grid: CellGrid,
+    position: Vector,
+    slots: int,
+    cell_slots: int,
+    active: Array | None = None,
+    members: int = 1,
+    reaches: Array | None = None,
 ) -> tuple[Array, Array]:
     """Indices of all particles in reach of every particle.
 
@@ -151,6 +157,8 @@ def neighbors_in_cells(
         cell_slots: room for particles in a column.
         active: (N,) bool, which particles there are; all if None. The others are in no cell and reach nobody.
         members: m, rows of a body, every N/m-th; they do not reach each other.
+        reaches: (N,) how far each reaches: two are in reach of each other if they are nearer than both together, at
+            most the reach of the grid; None for that of the grid [m].
 
     Returns:
         (K, N) int32 with the particle itself in empty slots, and () bool: there was not enough room.
@@ -163,7 +171,7 @@ def neighbors_in_cells(
         position = tuple(jnp.where(active, x, jnp.nan) for x in position)
     table, crowded = column_table(grid.columns, home, cell_slots)
     around = grid.around(cells)
-    words = _words(grid, position, own, table, around, members)
+    words = _words(grid, position, own, table, around, members, reaches)
     slot, number, bit, total = picked(words, own, slots, min(cell_slots, WORD))
     block, cell = number // len(around), number % len(around)
     row = jnp.minimum(block * WORD + bit, cell_slots - 1)  # where no bit is set, anything inside the table
@@ -254,13 +262,16 @@ def column_table(columns: int, home: Array, cell_slots: int) -> tuple[Array, Arr
     return rows, jnp.any(left < columns)
 
 
-def _words(grid: CellGrid, position: Vector, own: Array, table: Array, around: Array, members: int) -> Array:
+def _words(
+    grid: CellGrid, position: Vector, own: Array, table: Array, around: Array, members: int, reaches: Array | None
+) -> Array:
     """(words, N) uint32, bit by bit which particles of the cells around are in reach; the cells first."""
     far = jnp.full((1,), jnp.nan, position[0].dtype)  # in reach of nothing
 
     def of_rows(rows: Array) -> Array:
         """(M, N) the words of up to `WORD` rows of the table."""
         columns = [jnp.concatenate((x, far))[rows] for x in position]
+        others = None if reaches is None else jnp.concatenate((reaches, far))[rows]
         word = jnp.zeros(around.shape, jnp.uint32)
         itself = jnp.zeros(own.shape, jnp.uint32)
         for bit, row in enumerate(rows):
@@ -271,7 +282,8 @@ def _words(grid: CellGrid, position: Vector, own: Array, table: Array, around: A
                     apart = apart - length * jnp.round(apart / length)
                 squared = squared + apart * apart
             mark = jnp.uint32(1 << bit)
-            near = squared < grid.reach**2
+            reach = grid.reach if reaches is None or others is None else reaches[None] + others[bit][around]
+            near = squared < reach**2
             if members > 1:
                 bodies = len(own) // members
                 near = near & (row[around] % bodies != own[None] % bodies)

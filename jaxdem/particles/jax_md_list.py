@@ -111,11 +111,10 @@ def _check_values(search: NeighborSearch, particles: ParticleState, new: Neighbo
     rounding = 8.0 * float(jnp.finfo(position[0].dtype).eps) * max(search.geometry.box)
     wanted = search.tree(new.reference).query_pairs(search.reach - rounding, output_type="ndarray")
     wanted = np.sort(wanted[present[wanted].all(axis=1)], axis=1).astype(np.int64)
-    if search.levels is not None:
-        radius = np.asarray(new.radius, float)
+    reaches = search.reaches(new.radius)
+    if reaches is not None:
         apart = _distances(search, new.reference, wanted)
-        reach = radius[wanted].sum(axis=1) + search.levels.gap + search.geometry.skin
-        wanted = wanted[apart < reach - rounding]
+        wanted = wanted[apart < np.asarray(reaches, float)[wanted].sum(axis=1) - rounding]
     count = len(present)
     found = np.asarray(new.pairs.first, np.int64) * count + np.asarray(new.pairs.second)
     missing = wanted[~np.isin(wanted[:, 0] * count + wanted[:, 1], found)]
@@ -183,9 +182,8 @@ def _ends_in_reach(
         if wraps:
             apart = apart - length * jnp.round(apart / length)
         squared = squared + apart * apart
-    reach: float | Array = search.reach
-    if search.levels is not None:
-        reach = radius[one] + radius[other] + (search.levels.gap + geometry.skin)
+    reaches = search.reaches(radius)
+    reach = search.reach if reaches is None else reaches[one] + reaches[other]
     real = real & (squared < reach**2)
     if active is not None:
         real = real & active[one] & active[other]

@@ -40,7 +40,7 @@ def level_room(
     count, dimension = len(radius), len(position)
     there = np.full(count, True) if active is None else active
     present, size = tuple(np.asarray(x, float)[there] for x in position), radius[there]
-    first, second = pairs_in_reach(levels, geometry, present, size)
+    first, second = pairs_in_reach(geometry, present, size + 0.5 * (levels.gap + geometry.skin))
     owner = np.where((size[second] > size[first]) | ((size[second] == size[first]) & (second > first)), first, second)
     owned = int(np.bincount(owner, minlength=1).max()) if len(owner) else 0
     degree = np.zeros(count, int)
@@ -53,18 +53,18 @@ def level_room(
 
 
 def pairs_in_reach(
-    levels: SizeLevels, geometry: NeighborGeometry, position: tuple[np.ndarray, ...], radius: np.ndarray
+    geometry: NeighborGeometry, position: tuple[np.ndarray, ...], reaches: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The pairs whose gap is below `levels.gap` and the skin, (P,) each."""
-    stacked, reach = np.stack(position, axis=1), levels.gap + geometry.skin
+    """The pairs, (P,) each, that are nearer than the reaches (N,) of both together [m]."""
+    stacked = np.stack(position, axis=1)
     box = np.where(geometry.periodic, geometry.box, 0.0)  # a period of zero is none
     stacked = np.where(geometry.periodic, into_period(stacked, np.asarray(geometry.box)), stacked)
-    one, other = near_pairs(stacked, radius + 0.5 * reach, box).T
+    one, other = near_pairs(stacked, reaches, box).T
     squared = np.zeros(len(one))
     for k, length in enumerate(box):
         apart = stacked[one, k] - stacked[other, k]
         squared += (apart - length * np.round(apart / length) if length else apart) ** 2
-    near = squared < (radius[one] + radius[other] + reach) ** 2
+    near = squared < (reaches[one] + reaches[other]) ** 2
     return one[near], other[near]
 
 

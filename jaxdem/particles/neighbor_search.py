@@ -22,11 +22,12 @@ from scipy.spatial import KDTree
 from jaxdem.errors import required
 from jaxdem.numerics import compensated
 from jaxdem.numerics.compensated import Low
+from jaxdem.numerics.host import namespace
 from jaxdem.numerics.placement import Placement
 from jaxdem.numerics.static import static
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.cells import CellGrid, neighbors_in_cells
-from jaxdem.particles.level_room import level_room
+from jaxdem.particles.level_room import level_room, pairs_in_reach
 from jaxdem.particles.mesh_room import with_margin
 from jaxdem.particles.mesh_search import MeshSearch, needed, whole
 from jaxdem.particles.mesh_surface import MeshSurface, on_host
@@ -75,6 +76,19 @@ class NeighborSearch:
     def reach(self) -> float:
         """Pairs nearer than this are listed; in a list by levels, of the largest grains [m]."""
         return self.geometry.cutoff + self.geometry.skin
+
+    def reaches(self, radius: Array) -> Array | None:
+        """(N,) how far each particle reaches: two are listed if they are nearer than both together, their radii, the
+        gap of an attraction and the skin; None where all have the reach of the list [m].
+
+        Args:
+            radius: () or (N,) of all particles that there ever are, NumPy's or JAX's [m].
+        """
+        if self.levels is not None:
+            return radius + 0.5 * (self.levels.gap + self.geometry.skin)
+        if self.members > 1 or radius.ndim == 0:
+            return None
+        return radius + (0.5 * self.reach - namespace(radius).max(radius))
 
     @property
     def body_reach(self) -> float:
@@ -258,7 +272,7 @@ class NeighborSearch:
     ) -> tuple[Array, Array]:
         """(K, N) int32 index of a list at these positions, and () bool, whether there was not room enough.
 
-        `radius` (N,) counts in a search by levels of size [m].
+        `radius` () or (N,) says how far each reaches [m]; without it all reach as far as the largest.
         """
         geometry = self.geometry
         inside = compensated.into_box(position, low, geometry.box, geometry.periodic)
@@ -266,7 +280,8 @@ class NeighborSearch:
             tables = LevelTables(self.levels, geometry.box, geometry.periodic, len(radius))
             rows = room.cell, required(room.rows, "room for rows").across
             return tables.owned(inside, radius, geometry.skin, room.slots, rows, active)
-        return neighbors_in_cells(self._cells(position), inside, room.slots, room.cell, active, self.members)
+        given, reaches = self._cells(position), None if radius is None else self.reaches(radius)
+        return neighbors_in_cells(given, inside, room.slots, room.cell, active, self.members, reaches)
 
     def listed(
         self,
@@ -305,7 +320,7 @@ class NeighborSearch:
     def room(self, position: Vector, active: Array | None = None, radius: Array | None = None) -> Room:
         """Room for these positions and for a dense pack, with a margin; on the host.
 
-        `radius` (N,) counts in a search by levels of size [m].
+        `radius` () or (N,) says how far each reaches [m]; without it all reach as far as the largest.
         """
         count, dimension = position[0].shape[0], len(position)
         if count < 2:
@@ -315,9 +330,13 @@ class NeighborSearch:
             places = tuple(np.asarray(x, float) for x in position)
             return level_room(self.levels, self.geometry, places, np.asarray(required(radius, "radii"), float), there)
         present = jax.tree.map(np.asarray, position)
-        own = self.own_in_reach(present, active)
+        own, reaches = self.own_in_reach(present, active), None
+        if radius is not None:
+            sizes: Any = np.asarray(radius, float)
+            reaches = self.reaches(sizes)
         if active is not None:
             present = tuple(x[np.asarray(active)] for x in present)
+            reaches = None if reaches is None else reaches[np.asarray(active)]
         cells = self._cells(position)
         crowd = max(cells.largest_occupancy(present), cells.dense_occupancy(self.geometry.cutoff))
         usual, each = USUAL_SLOTS[dimension], USUAL_PAIRS[dimension]
@@ -326,7 +345,7 @@ class NeighborSearch:
             each = max(each, 0.5 * self._crowd(self.reach))
             widths = (length / n for length, n in zip(self.geometry.box, cells.shape, strict=True))
             crowd = max(crowd, self._crowd(0.6 * max(widths)))
-        found, most = self._found(present, own)
+        found, most = self._found(present, own, reaches)
         everyone = count * (count - 1) // 2
         pairs = min(max(math.ceil(EXTRA_PAIRS * found), math.ceil(each * count)), everyone)
         # The wide cells of a vast box have room for more than there are.
@@ -341,11 +360,15 @@ class NeighborSearch:
         dimension = len(self.geometry.box)
         return max(USUAL_SLOTS[dimension], math.ceil(DENSE[dimension] * (reach / self.typical_radius) ** dimension))
 
-    def _found(self, position: Vector, own: np.ndarray | int) -> tuple[int, int]:
+    def _found(self, position: Vector, own: np.ndarray | int, reaches: Array | None) -> tuple[int, int]:
         """Number of pairs in reach at these positions, and the most neighbours that a particle has; not jittable.
 
-        `own` (N,) of those that it has in reach are of its own body, itself too.
+        `own` (N,) of those that it has in reach are of its own body, itself too; `reaches` are as of the method.
         """
+        if reaches is not None:
+            places = tuple(np.asarray(x, float) for x in position)
+            ends = np.concatenate(pairs_in_reach(self.geometry, places, np.asarray(reaches)))
+            return len(ends) // 2, int(np.bincount(ends, minlength=1).max())
         tree = self.tree(position)
         others = tree.query_ball_point(tree.data, self.reach, return_length=True, workers=-1) - own
         return int(others.sum()) // 2, int(others.max(initial=0))

@@ -40,8 +40,8 @@ class Contact(Section):
         speed: largest expected speed, for the automatic time step and the expected overlap. "auto" computes it from the
             inlets, the initial velocities and a fall through the box [m/s].
         maximum_overlap: largest expected overlap that is accepted, over the diameter [-].
-        skin: additional reach of the neighbour list over the largest diameter. "auto" is 0.4; with grains of very
-            different sizes 0.4 of the mean diameter [-].
+        skin: additional reach of the neighbour list over the largest diameter. "auto" is 0.4 of
+            the mean diameter, of clumps of the largest one of a member [-].
         parcel_loss: what impacts between parcels (`particles.coarse_grain` = l) have in common with those of their
             grains: "impact", the coefficient of restitution e; "rate", the rate at which agitated grains lose energy,
             with e_p of 1 - e_p^2 = l (1 - e^2). Impacts on walls have e.

@@ -9,8 +9,8 @@ from jaxdem.particles.size_levels import SizeLevels
 from jaxdem.scene import Contact
 
 SKIN = 0.4
-"""The automatic skin, in diameters: the widest at which a dense layer of equal grains still has fewer neighbours than
-`USUAL_SLOTS`. The list is rebuilt half as often as with 0.2, and no wider."""
+"""The automatic skin, in mean diameters: the widest at which a dense layer of equal grains still has fewer neighbours
+than `USUAL_SLOTS`. The list is rebuilt half as often as with 0.2, and no wider."""
 
 LEVEL_RATIO = 2.0
 """Largest over smallest diameter within a level."""
@@ -35,8 +35,8 @@ def by_levels(radius: np.ndarray, dimension: int, members: int) -> bool:
 
 
 def list_skin(contact: Contact, radius: np.ndarray, dimension: int, members: int) -> float:
-    """Skin of the neighbour list [m]: in largest diameters, the automatic one in a list by levels in mean ones."""
-    if contact.skin == "auto" and by_levels(radius, dimension, members):
+    """Skin of the neighbour list [m]: in largest diameters, the automatic one of spheres in mean ones."""
+    if contact.skin == "auto" and members == 1 and radius.size:
         return SKIN * 2.0 * float(np.mean(radius))
     return single_skin(contact, radius)
 

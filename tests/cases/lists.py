@@ -9,7 +9,7 @@ from tests.cases.worlds import world
 
 
 def pairs_within(position, reach, box, periodic):
-    """Set of (i, j), i != j, nearer than `reach`; by brute force."""
+    """Set of (i, j), i != j, nearer than `reach`, a number or (N, N); by brute force."""
     difference = position[:, None] - position[None]
     for axis, wraps in enumerate(periodic):
         if wraps:

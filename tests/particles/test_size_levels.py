@@ -82,7 +82,7 @@ def test_pairs_are_those_of_brute_force(dimension, ratio):
     found = listed(neighbors)
     assert len(expected) > 30 and not neighbors.overflow
     assert len(found) == len(set(found)) and set(found) == expected
-    one, other = pairs_in_reach(search.levels, search.geometry, tuple(position.T), radius)
+    one, other = pairs_in_reach(search.geometry, tuple(position.T), radius + 0.5 * (GAP + SKIN))
     assert {(min(p), max(p)) for p in zip(one.tolist(), other.tolist(), strict=True)} == expected
     weight = np.arange(1.0, 1.0 + len(neighbors.overlap))
     weight[np.asarray(neighbors.pairs.first == neighbors.pairs.second)] = 0.0
@@ -91,6 +91,22 @@ def test_pairs_are_those_of_brute_force(dimension, ratio):
     np.add.at(gathered, np.asarray(neighbors.pairs.second), 10.0 * weight)
     given = jnp.asarray(weight)
     np.testing.assert_array_equal(sum_over_pairs(given, 10.0 * given, neighbors.pairs), gathered)
+
+
+def test_one_table_lists_by_the_sizes_of_both():
+    """The pairs of a list without levels are those of brute force too, and the room for them is counted on the host.
+
+    Negative control: with one reach for all, as far as the largest, there are more.
+    """
+    position, radius, box = pack(2, 10.0)
+    search = dataclasses.replace(search_in(box), levels=None)
+    columns = tuple(jnp.asarray(x) for x in position.T)
+    neighbors = search.allocate(columns, (None, None), jnp.asarray(radius))
+    expected = by_brute_force(position, radius, box, search.geometry.periodic)
+    assert not neighbors.overflow and neighbors.pairs.owned is None
+    assert set(listed(neighbors)) == expected and neighbors.room.pairs > len(expected)
+    alike = by_brute_force(position, np.full(COUNT, LARGEST), box, search.geometry.periodic)
+    assert expected < alike and search.room(columns).pairs > len(alike) > 2 * neighbors.room.pairs
 
 
 def test_cells_that_are_too_narrow_lose_pairs():
