@@ -8,6 +8,7 @@ import numpy as np
 
 from jaxdem.errors import InputError
 from jaxdem.particles import growth, random_packing
+from jaxdem.particles.close_packing import close_packing
 from jaxdem.particles.regions import Region, ball_size
 from jaxdem.scene import Pack, Particles
 from jaxdem.setup.bodies import Bodies
@@ -18,8 +19,12 @@ TRIALS = 20
 ALIKE = 1.05
 """Largest over smallest radius up to which particles are taken for equal."""
 
-DENSEST = {2: 0.95, 3: 0.85}
-"""Solid fraction above which particles of several sizes are refused without a trial."""
+DENSEST_DISCS = 0.95
+"""Solid fraction above which discs of several sizes are refused without a trial."""
+
+UNSURE = 0.02
+"""By how much spheres of several sizes may be denser than `close_packing` says before they are refused without a
+trial: it agrees with simulated packings to 0.01."""
 
 MOST = 20_000_000
 """Particles that a pack may have; more is a slip of a unit."""
@@ -90,6 +95,13 @@ def count_for(pack: Fillable) -> int:
     return best
 
 
+def _densest(dimension: int, radius: np.ndarray) -> float:
+    """Solid fraction above which particles of radii (N,) [m] certainly have no disordered pack without overlaps."""
+    if float(radius.max() / radius.min()) <= ALIKE:
+        return growth.DISORDERED[dimension]
+    return DENSEST_DISCS if dimension == 2 else min(close_packing(radius) + UNSURE, 1.0)
+
+
 def require_reachable(pack: Fillable, radius: np.ndarray) -> None:
     """Refuses a pack that certainly cannot hold particles of these radii, (N,) [m]."""
     table, space = pack.pack, pack.space
@@ -100,8 +112,7 @@ def require_reachable(pack: Fillable, radius: np.ndarray) -> None:
         grain = float(f"{radius.max() / pack.table.coarse_grain:.4g}")
         raise InputError(pack.radius_key, grain, limit, "use smaller particles, or enlarge the region")
     if table.kind == "grown":
-        equal = float(radius.max() / radius.min()) <= ALIKE
-        largest = (growth.DISORDERED if equal else DENSEST)[space.dimension]
+        largest = _densest(space.dimension, radius)
         remedy = "enlarge the region"
     else:
         largest = random_packing.REACHABLE[space.dimension]
@@ -109,7 +120,7 @@ def require_reachable(pack: Fillable, radius: np.ndarray) -> None:
     if fraction > largest:
         limit = (
             f"the particles, with their spacing, fill {100 * fraction:.3g} % of the region of the {table.kind} pack; "
-            f"the limit is {100 * largest:g} %"
+            f"the limit is {100 * largest:.3g} %"
         )
         remedy = f"{remedy}, or lower {pack.key}.spacing"
         raise InputError(pack.count_key, table.solid_fraction or len(radius), limit, remedy)
