@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -29,11 +30,14 @@ from jaxdem.particles.growth import DISORDERED, grown_pack
 EQUAL = {2: (0.80, 0.82, 0.83, 0.839), 3: (0.58, 0.60, 0.62, 0.63)}
 """Solid fractions of equal particles by dimension (of areas in 2-D) [-]."""
 
-WIDE = {2: (0.88, 0.90, 0.92), 3: (0.95, 0.97, 0.99)}
-"""Those of many sizes; of spheres over the estimate."""
+WIDE = {
+    ("uniform", 2): (0.85, 0.86), ("uniform", 3): (0.92, 0.95),
+    ("two sizes", 2): (0.87, 0.89), ("two sizes", 3): (0.92, 0.95),
+}  # fmt: skip
+"""Those of many sizes by dimension; of spheres over the estimate."""
 
-FEWEST = 10
-"""Large particles of a pack of two sizes; with fewer it is left out."""
+FEWEST = 3
+"""Particles of more than half of the largest radius; a pack with fewer is left out."""
 
 NAMES = {2: "discs", 3: "spheres"}
 
@@ -48,7 +52,7 @@ def two_sizes(dimension: int, count: int, ratio: float) -> np.ndarray:
     """(N,) radii 1 and `ratio`, in the shares of Furnas."""
     packed = DISORDERED[dimension]
     small = (1.0 - packed) * ratio**dimension  # of each large one
-    return np.where(np.arange(count) < max(round(count / (1.0 + small)), 1), ratio, 1.0)
+    return np.where(np.arange(count) < round(count / (1.0 + small)), ratio, 1.0)
 
 
 def measured(dimension: int, radius: np.ndarray, fraction: float) -> tuple[float, float]:
@@ -60,41 +64,55 @@ def measured(dimension: int, radius: np.ndarray, fraction: float) -> tuple[float
     return fraction * part**dimension, time.process_time() - begin
 
 
+def packs(dimension: int, count: int, wide: int, ratios: list[float]) -> Iterator[tuple[str, str, np.ndarray]]:
+    """Kind, description and radii (N,) of the packs of a dimension."""
+    name = NAMES[dimension]
+    yield "equal", f"{count} equal {name}", np.ones(count)
+    for ratio in ratios:
+        for kind, radius in (("uniform", uniform(wide, ratio)), ("two sizes", two_sizes(dimension, wide, ratio))):
+            if np.sum(radius > 0.5 * ratio) >= FEWEST:
+                yield kind, f"{wide} {name}, {kind}, 1 : {ratio:g}", radius
+
+
 def main() -> None:
-    """Runs the benchmark."""
+    """Runs the benchmark; writes results/{grown,wide}_packs.{json,md}."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     for name, value in (("--spheres", 5000), ("--discs", 1000), ("--wide", 5000)):
-        parser.add_argument(name, type=int, default=value)
+        parser.add_argument(name, type=int, default=value, help="0: left out")
     parser.add_argument("--ratios", type=float, nargs="*", default=[10.0, 50.0])
     given = parser.parse_args()
-    rows: list[dict[str, Any]] = []
+    rows: dict[str, list[dict[str, Any]]] = {"grown_packs": [], "wide_packs": []}
+    for dimension, count in ((2, given.discs), (3, given.spheres)):
+        packed = DISORDERED[dimension]
+        for kind, what, radius in packs(dimension, count, given.wide, given.ratios):
+            if not len(radius):
+                continue
+            estimate = close_packing(radius) if dimension == 3 else None
+            scale = 1.0 if estimate is None or kind == "equal" else estimate
+            for asked in EQUAL[dimension] if kind == "equal" else WIDE[kind, dimension]:
+                reached, seconds = measured(dimension, radius, asked * scale)
+                file = "grown_packs" if kind == "equal" else "wide_packs"
+                rows[file].append({
+                    "particles": what, "estimate": estimate, "asked": asked * scale, "reached": reached,
+                    "furnas": packed + (1.0 - packed) * packed if kind == "two sizes" else None, "seconds": seconds,
+                })  # fmt: skip
+                text = table(rows[file])
+                harness.save(file, {"packs": rows[file]}, text)
+                print(text.splitlines()[-1], flush=True)
+
+
+def table(rows: list[dict[str, Any]]) -> str:
+    """As Markdown."""
     lines = [
         "| particles | estimate | limit of Furnas | solid fraction asked | reached | processor time [s] |",
         "| --- | --- | --- | --- | --- | --- |",
     ]
-    for dimension, count in ((2, given.discs), (3, given.spheres)):
-        name, packed = NAMES[dimension], DISORDERED[dimension]
-        packs = [(f"{count} equal {name}", np.ones(count), EQUAL[dimension])] if count else []
-        for ratio in given.ratios:
-            packs.append((f"{given.wide} {name}, uniform, 1 : {ratio:g}", uniform(given.wide, ratio), WIDE[dimension]))
-            radius = two_sizes(dimension, given.wide, ratio)
-            if np.sum(radius > 1.0) >= FEWEST:
-                packs.append((f"{given.wide} {name}, two sizes, 1 : {ratio:g}", radius, WIDE[dimension]))
-        for what, radius, fractions in packs:
-            estimate = close_packing(radius) if dimension == 3 else None
-            furnas = packed + (1.0 - packed) * packed if "two" in what else None
-            for asked in fractions:
-                fraction = asked * estimate if estimate is not None and "equal" not in what else asked
-                reached, seconds = measured(dimension, radius, fraction)
-                rows.append({
-                    "particles": what, "estimate": estimate, "furnas": furnas, "asked": fraction, "reached": reached,
-                    "seconds": seconds,
-                })  # fmt: skip
-                limits = " | ".join("" if x is None else f"{x:.3f}" for x in (estimate, furnas))
-                lines.append(f"| {what} | {limits} | {fraction:.3f} | {reached:.4f} | {seconds:.1f} |")
-                print(lines[-1], file=sys.stderr, flush=True)
-                harness.save("grown_packs", {"packs": rows}, "\n".join(lines))
-    print("\n".join(lines))
+    for row in rows:
+        limits = " | ".join("" if row[name] is None else f"{row[name]:.3f}" for name in ("estimate", "furnas"))
+        lines.append(
+            f"| {row['particles']} | {limits} | {row['asked']:.3f} | {row['reached']:.3f} | {row['seconds']:.1f} |"
+        )
+    return "\n".join(lines)
 
 
 if __name__ == "__main__":
