@@ -126,13 +126,11 @@ def measured(run: Run) -> dict[str, Any]:
     top = surface(np.delete(np.asarray(frames[before]["position"]), ball, axis=0))
     met = passed[before] + (place[before, 2] - BALL - top) / speed[before]
     depth = top - (place[:, 2] - BALL)
-    counts = run.summary["counts"]
     return {
         "spheres": SPHERES, "side_m": SIDE, "layer_m": top, "time_s": (passed - met).tolist(),
         "depth_m": depth.tolist(), "speed_m_s": speed.tolist(), "deepest_m": float(depth.max()),
         "stopped_s": float(passed[np.argmax(depth)] - met), "last_m": float(depth[-1]),
-        "followed_s": float(passed[-1] - met), "contact_step_s": run.summary["time_steps"]["contact"],
-        "particle_steps": counts["contact_steps"] * counts["particles"],
+        "followed_s": float(passed[-1] - met),
         "sideways_m": float(np.hypot(*(place[-1, :2] - place[0, :2]))),
     }  # fmt: skip
 
@@ -156,6 +154,8 @@ def main() -> None:
     tables = with_ball(layer, given.duration, not given.no_energy)
     run, seconds = run_of(tables, impact)
     found = measured(run) | {"energy": energy(run)} if tables["output"]["energy"] else measured(run)
+    counts, step = run.summary["counts"], run.summary["time_steps"]["contact"]
+    found |= {"contact_step_s": step, "particle_steps": counts["contact_steps"] * counts["particles"]}
     found |= {"processor_s": seconds, "layer_processor_s": rested_s}
     lines = [f"| {key} | {value:.4g} |" for key, value in found.items() if isinstance(value, int | float)]
     harness.write("dosta_full", {"impact": found}, "\n".join(["| figure | value |", "| --- | --- |", *lines]))
