@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import copy
 
+import pytest
+
 from jaxdem import load_scene, simulate
 
 HALF, END = 0.02, 0.04
@@ -26,11 +28,25 @@ def scene(end, **tables):
     return load_scene(given)
 
 
-def test_two_halves_are_the_whole(tmp_path):
-    """Bit for bit, void fraction and pressure between the walls too."""
-    whole = simulate(scene(END), tmp_path / "whole")
-    half = simulate(scene(HALF), tmp_path / "half")
-    rest = simulate(scene(END, start={"from": str(half.path)}), tmp_path / "rest")
+SWINGS = {"kind": "oscillation", "direction": [0.0, 1.0], "amplitude": 0.01, "frequency": 8.0}
+WARM = {
+    "walls": [SCENE["walls"][0] | {"temperature": 350.0, "motion": [SWINGS]}],
+    "boundary": SCENE["boundary"] | {"left": SCENE["boundary"]["left"] | {"temperature": 320.0}},
+    "heat": {
+        "fluid_heat_capacity": 4000.0, "fluid_conductivity": 5.0, "fluid_temperature": 300.0,
+        "particle_heat_capacity": 800.0, "particle_temperature": 330.0,
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("tables", [{}, WARM], ids=["at rest", "warm and swings"])
+def test_two_halves_are_the_whole(tmp_path, tables):
+    """Bit for bit, void fraction and pressure between the walls too; and heat in cells that open and close."""
+    whole = simulate(scene(END, **tables), tmp_path / "whole")
+    half = simulate(scene(HALF, **tables), tmp_path / "half")
+    rest = simulate(scene(END, start={"from": str(half.path)}, **tables), tmp_path / "rest")
+    if tables:
+        assert rest.summary["heat"]["start"] == half.summary["heat"]["fluid"] + half.summary["heat"]["grains"]
     pairs = [(whole.particles(-1), rest.particles(-1)), (whole.fluid(-1), rest.fluid(-1))]
     for before, after in pairs:
         for name, values in before.items():

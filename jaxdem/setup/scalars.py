@@ -172,6 +172,7 @@ def first_scalars(
     state: ParticleState | None,
     start: StartPoint | None = None,
     fluid: FluidState | None = None,
+    capacity: np.ndarray | None = None,
 ) -> ScalarState | None:
     """The scalars of the first state; those of a run that the scene begins from go on, in its fluid if that does.
 
@@ -180,6 +181,7 @@ def first_scalars(
         state: of the particles.
         start: of the run that it begins from.
         fluid: of the first state.
+        capacity: of the cells, that goes on; None for what they have room for.
 
     Raises:
         InputError: that run has scalars on another mesh.
@@ -197,15 +199,20 @@ def first_scalars(
     friction = zero if scene.heat is not None and scene.heat.friction else None
     supplied = Supplied(on_device(np.zeros((len(fields), places)), dtype), zero, zero, friction)
     warm = None if grains is None else on_device(grains, dtype)
-    return ScalarState(tuple(fields), warm, supplied, capacity=_first_capacity(simulation, parameters, fluid))
+    held = _first_capacity(simulation, parameters, fluid, capacity)
+    return ScalarState(tuple(fields), warm, supplied, capacity=held)
 
 
-def _first_capacity(simulation: Simulation, parameters: Parameters, fluid: FluidState | None) -> Array | None:
+def _first_capacity(
+    simulation: Simulation, parameters: Parameters, fluid: FluidState | None, kept: np.ndarray | None
+) -> Array | None:
     """Of the cells of the fluid, where surfaces within its mesh change their place; None elsewhere [-]."""
     moving, own = simulation.walls_in_fluid, required(parameters.scalars, "scalars")
     if fluid is None or own.walls is None or moving is None or not moving.change_place:
         return None
     cut = required(parameters.flow.cut, "cut cells")
+    if kept is not None and kept.shape == cut.open_cells.shape:
+        return on_device(kept, cut.open_cells.dtype)
     open_cells, lent = np.asarray(cut.open_cells), np.asarray(own.walls.lent)
     void_fraction = 1.0 if fluid.void_fraction is None else np.asarray(fluid.void_fraction)
     return on_device(np.where(open_cells > 0.0, open_cells * void_fraction + lent, 0.0), open_cells.dtype)

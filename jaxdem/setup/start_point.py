@@ -30,6 +30,9 @@ from jaxdem.structure import Clock
 ABOUT = ("domain", "boundary", "materials", "walls", "contact", "fluid", "surface", "coupling", "heat", "scalars")
 """Tables of its scene that a checkpoint knows."""
 
+NOT_OF_PLACE = ("name", "material", "temperature", "heat_flux", "wear")
+"""Keys of a wall that say nothing about where it is."""
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class StartPoint:
@@ -145,6 +148,18 @@ class StartPoint:
             limit = "its checkpoint was written by a version of jaxdem that could not be started from"
             raise InputError("start.from", self.source, limit, "run that scene again")
         return self.attributes[name]
+
+
+def of_deposit(tables: Mapping[str, Any]) -> dict[str, Any]:
+    """What the volume of particles in the cells depends on, beside the particles, of the tables of a scene."""
+    domain, coupling = tables["domain"], tables.get("coupling", {})
+    walls = [wall for wall in tables.get("walls", []) if wall.get("fluid", "none") != "none"]
+    return {
+        "box": [domain["size"], domain.get("depth"), tables.get("fluid", {}).get("cells")],
+        "periodic": {name: side["kind"] == "periodic" for name, side in tables.get("boundary", {}).items()},
+        "kernel": [coupling.get("void_fraction"), coupling.get("kernel_width")],
+        "walls": [{key: value for key, value in wall.items() if key not in NOT_OF_PLACE} for wall in walls],
+    }
 
 
 def wall_text(wall: Wall) -> str:

@@ -25,7 +25,7 @@ from jaxdem.setup.overlaps import allowed_overlap, check_initial_positions, chec
 from jaxdem.setup.particles import ParticleSetup
 from jaxdem.setup.scalars import first_scalars
 from jaxdem.setup.start import initial_void_fraction, inlet_places, resting_fluid, with_mesh_memory
-from jaxdem.setup.start_point import StartPoint, walls_of
+from jaxdem.setup.start_point import StartPoint, of_deposit, walls_of
 from jaxdem.setup.started_fluid import StartedFluid
 from jaxdem.setup.started_list import carried_springs, widened_list
 from jaxdem.setup.started_meshes import kept_of_meshes
@@ -72,7 +72,7 @@ class Beginning:
         if state is not None and simulation.coupling is not None and simulation.coupling.remembers:
             state = state._replace(fluid_memory=self._memory(simulation.coupling, state, required(fluid, "fluid")))
         given = self.scene, self.particles, simulation, self.parameters
-        scalars = first_scalars(*given, state, self.start, fluid)
+        scalars = first_scalars(*given, state, self.start, fluid, self._kept_capacity)
         return State(state, fluid, on_device(self.start.step, np.int32), scalars), room
 
     def with_list(self, state: State, room: Room) -> tuple[State, Neighbors]:
@@ -255,16 +255,25 @@ class Beginning:
             return resting_fluid(self.scene, solver, now, void_fraction)
         return StartedFluid(self.start, solver, now.flow, void_fraction, self._dtype).state()
 
-    def _same_deposit(self, own: StartedParticles) -> bool:
+    def _same_deposit(self, own: StartedParticles | None) -> bool:
         """Whether the particles fill the cells as they did: the same particles, mesh, walls in it and distribution of
         volume."""
-        before, tables = self.start.tables, self.scene.tables()
-        same = all(before.get(name) == tables.get(name) for name in ("coupling", "domain", "boundary"))
-        if any(wall.get("fluid", "none") != "none" for wall in (*before.get("walls", []), *tables.get("walls", []))):
-            same = same and before.get("walls") == tables.get("walls")
-        same = same and before["fluid"]["cells"] == tables["fluid"]["cells"]
+        if of_deposit(self.start.tables) != of_deposit(self.scene.tables()):
+            return False
+        if own is None:
+            return True
         unmoved = not self.start.merged and not own.settings.relax
-        return same and unmoved and own.added is None and len(own.removed) == 0
+        return unmoved and own.added is None and len(own.removed) == 0
+
+    @property
+    def _kept_capacity(self) -> np.ndarray | None:
+        """Capacity of the cells for scalars, between walls that change their place, where the fluid of the run goes on
+        in its cells; else None."""
+        settings = self.scene.start
+        stored = self.start.arrays.get("state.scalars.capacity")
+        if stored is None or settings is None or settings.fluid == "new":
+            return None
+        return stored if self._same_deposit(self._particles) else None
 
     def _memory(self, coupling: Coupling, state: ParticleState, fluid: FluidState) -> Any:
         """What further forces remember: of the particles of the run if it had the force and the interval, else of a
