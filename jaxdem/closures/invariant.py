@@ -32,6 +32,12 @@ FEATURES = (
 WITHOUT_PRESSURE = FEATURES[:5]
 """The features that do not see the pressure gradient."""
 
+FURTHER_FEATURES = ("log_solid_fraction",)
+"""Inputs that a network has if it is asked to, after those of `FEATURES`."""
+
+THIN = 0.01
+"""Solid fraction that is added to that under a logarithm, which is then finite [-]."""
+
 TERMS = ("void_fraction_gradient", "pressure_gradient")
 """Directions that the remainder may have beside the slip."""
 
@@ -85,6 +91,8 @@ class InvariantClosure:
     s;  ln(1 + Re);  ln(L / d);  L grad g . (u - v)/|u - v| Re / (1 + Re);  L |grad g|.
     and, from the size D = c |u - v| of the base force and P = pi d^3 / 6 |grad p| of the pressure force,
     pi d^3 / 6 grad p . (u - v)/|u - v| Re / (1 + Re) / (P + D);  P / (P + D).
+    On request ("log_solid_fraction") also ln(s + 0.01), for data from thin to dense: of s alone a small network does
+    not resolve the thin end.
     Re / (1 + Re) keeps the fourth and the sixth smooth at zero slip, where they are 0.
 
     The last layer starts at zero: the untrained closure is its base law. Without terms there is no remainder,
@@ -103,7 +111,7 @@ class InvariantClosure:
         hidden: widths of the hidden layers.
         activation: a name of `ACTIVATIONS`.
         terms: names of `TERMS` that the remainder has; none by default.
-        features: names of `FEATURES` that the network sees, in their order.
+        features: names of `FEATURES` and `FURTHER_FEATURES` that the network sees, in their order.
         bounded: whether the factor is at most one. Unresolved clusters lower the drag; a fit to noisy slips may raise
             it where the slip is small, so that a dense suspension stays uniform.
     """
@@ -202,9 +210,10 @@ def check_terms(terms: Sequence[str]) -> None:
 
 
 def check_features(features: Sequence[str]) -> None:
-    """Raise InputError for features that are not some of `FEATURES` in their order."""
-    if not features or tuple(features) != tuple(name for name in FEATURES if name in features):
-        limit = f"must be names from {FEATURES}, each once, in this order"
+    """Raise InputError for features that are not some of `FEATURES` and `FURTHER_FEATURES` in their order."""
+    known = FEATURES + FURTHER_FEATURES
+    if not features or tuple(features) != tuple(name for name in known if name in features):
+        limit = f"must be names from {known}, each once, in this order"
         raise InputError("features", tuple(features), limit, "Correct the names.")
 
 
@@ -226,10 +235,11 @@ def invariant_features(inputs: DragInputs, coefficient: Array, names: Sequence[s
         "solid_fraction": solid_fraction,
         "log1p_reynolds": jnp.log1p(reynolds),
         "log_filter_over_diameter": jnp.log(ratio),
+        "log_solid_fraction": jnp.log(jnp.maximum(solid_fraction, 0.0) + THIN),
         "void_fraction_gradient_along_slip": jnp.sum(gradient * direction, axis=-1),
         "void_fraction_gradient_size": row_lengths(gradient),
     }
-    if set(names) - set(WITHOUT_PRESSURE):
+    if set(names) & set(FEATURES[5:]):
         force = _term_vector("pressure_gradient", inputs, coefficient)
         size = row_lengths(force)
         total = size + coefficient * inputs.slip_speed

@@ -74,6 +74,13 @@ def fit_filtered(
     mean of 1 - R2 on the training rows, so that every coarsening counts alike however large its forces or
     many its rows.
 
+    With the loss "balance" the factor f is the one with which rows of equal features have the mean force of the fine
+    run. With e the direction of the mean slip of a run and a coarsening, b = c (u - v) . e of the base law and
+    F = target . e, it minimises the mean of f^2 b / 2 - f F, whose derivative by f vanishes where <f b> = <F>. Every
+    run and coarsening counts alike. A fit of squares to a slip that is uncertain, or that varies where the force does
+    not, gives <b F> / <b^2>, which is too small (attenuation: W. A. Fuller, Measurement Error Models (1987), sec. 1.1),
+    and then the mean slip of a coarse run is too large.
+
     The regression beside it takes the factor on the base law linear in the same features (and
     has the same terms), fitted by the same weighted squares; its factor may be negative.
 
@@ -106,8 +113,10 @@ def paper_problem(datasets: Sequence[Dataset], settings: FitSettings, start: Pap
 
     With `start` its layers, weights, normalisation and range are kept and gone on from.
     """
-    if settings.bounded:
-        raise InputError("bounded", True, "is of the filtered recipe", "Leave it out, or take that recipe.")
+    for name, of_filtered in (("bounded", settings.bounded), ("loss", settings.loss == "balance")):
+        if of_filtered:
+            limit = "is of the filtered recipe"
+            raise InputError(name, getattr(settings, name), limit, "Leave it out, or take that recipe.")
     split = split_by_run(datasets, settings.held_out, settings.held_out_fraction)
     finest = min(all_coarsenings(split, train_only=True))
     groups = training_groups(split.train, settings.coarsenings or (finest,))
@@ -177,6 +186,27 @@ class FilteredLoss:
         return jnp.mean(counts * jnp.sum((force - truth) ** 2, axis=-1))
 
 
+@dataclasses.dataclass(frozen=True)
+class BalanceLoss:
+    """The loss "balance" of `fit_filtered`, of rows as `FilteredLoss` has them; slip and force are along e (M, 1).
+
+    Attributes:
+        activation: of the network.
+        bounded: whether the factor is at most one.
+    """
+
+    activation: str
+    bounded: bool = False
+
+    def __call__(self, weights: Weights, rows: tuple[PreparedInputs, Array, Array]) -> Array:
+        """The loss."""
+        inputs, truth, counts = rows
+        output = network_columns(weights, self.activation, inputs.features.T).T
+        drag = corrected(inputs, output, jnp.ones_like(inputs.out_of_range), self.bounded)
+        factor = drag.coefficient / inputs.coefficient
+        return jnp.mean(counts * factor * (0.5 * drag.coefficient * inputs.slip[:, 0] - truth[:, 0]))
+
+
 def filtered_problem(
     datasets: Sequence[Dataset], settings: FitSettings, start: InvariantClosure | None = None
 ) -> Problem:
@@ -184,8 +214,11 @@ def filtered_problem(
 
     With `start` its layers, terms, bound, weights, normalisation and range are kept and gone on from.
     """
-    if settings.loss != "mse":
-        raise InputError("loss", settings.loss, "the filtered recipe has its own", "Leave it at mse.")
+    if settings.loss not in ("mse", "balance"):
+        raise InputError("loss", settings.loss, "the filtered recipe has its own", "Use mse or balance.")
+    balance = settings.loss == "balance"
+    if balance and (settings.terms or (start is not None and start.terms)):
+        raise InputError("terms", settings.terms, "have no loss of the balance", "Leave them out, or use mse.")
     split = split_by_run(datasets, settings.held_out, settings.held_out_fraction)
     groups = training_groups(split.train, settings.coarsenings or all_coarsenings(split, train_only=True))
     closure = start or InvariantClosure.initial(
@@ -206,7 +239,7 @@ def filtered_problem(
     # The network is trained on all rows, strays too, so that what it sees can be had once for all epochs.
     normalised = _normalised(features, closure.feature_mean, closure.feature_scale)
     data = (jax.tree.map(jnp.asarray, prepared._replace(features=normalised)), on_device(target), on_device(weight))
-    loss = FilteredLoss(settings.activation, closure.bounded)
+    loss = (BalanceLoss if balance else FilteredLoss)(settings.activation, closure.bounded)
     regression = partial(fit_regression, closure, prepared, target, weight)
     targets = dict.fromkeys(all_coarsenings(split), "target_force")
     return Problem("filtered", closure, data, loss, regression, split, targets, settings)
@@ -227,23 +260,46 @@ RECIPES: dict[str, Callable[..., Problem]] = {
 def _filtered_rows(
     closure: InvariantClosure, groups: dict[int, list[Group]], settings: FitSettings
 ) -> tuple[PreparedInputs, Forces, Forces]:
-    """Prepared inputs, target (M, D) [N] and weight (M,) [1/N2] of the training rows of all coarsenings."""
+    """Prepared inputs, target (M, D) [N] and weight (M,) [1/N2] of the training rows of all coarsenings; for the loss
+    "balance" the vectors are along the mean slip (M, 1), and the weight is in 1/N."""
     generator, share = np.random.default_rng(settings.seed), max(1, settings.samples // len(groups))
+    balance = settings.loss == "balance"
     prepared, targets, weights = [], [], []
     for coarsening, parts in groups.items():
-        everything = [map_rows(partial(prepare_rows, closure), group) for group in parts]
-        rows = jax.tree.map(lambda *leaves: np.concatenate(leaves), *everything)
-        target = np.concatenate([group.target_force for group in parts])
+        runs = [(map_rows(partial(prepare_rows, closure), group), group.target_force) for group in parts]
+        if balance:
+            runs = [_along_mean_slip(*run) for run in runs]
+        rows, target = jax.tree.map(lambda *leaves: np.concatenate(leaves), *runs)
         kept = generator.permutation(len(target))[:share]
-        target = target[kept]
-        spread = float(np.sum((target - target.mean(axis=0)[None]) ** 2))
-        if not spread > 0:
-            limit = f"coarsen_{coarsening}/target_force is the same in all training rows"
-            raise InputError("dataset", coarsening, limit, "Give a dataset in which the force varies.")
+        if balance:
+            # Every run counts alike, whatever its forces and the number of its rows.
+            weight = np.concatenate([np.full(len(force), 1.0 / abs(float(force.sum()))) for _, force in runs])[kept]
+        else:
+            weight = np.full(len(kept), 1.0 / _spread(target[kept], coarsening))
         prepared.append(jax.tree.map(lambda leaf, kept=kept: leaf[kept], rows))
-        targets.append(target)
-        weights.append(np.full(len(target), 1.0 / (spread * len(groups))))
+        targets.append(target[kept])
+        weights.append(weight / len(groups))
     weight = np.concatenate(weights)
     # mean(weight * squares) is then the mean over coarsenings of sum(squares) / spread
     merged = jax.tree.map(lambda *leaves: np.concatenate(leaves), *prepared)
     return merged, np.concatenate(targets), weight * len(weight)
+
+
+def _spread(target: Forces, coarsening: int) -> float:
+    """Sum of squares of forces (M, D) less their mean [N2]; raises InputError where all are the same."""
+    spread = float(np.sum((target - target.mean(axis=0)[None]) ** 2))
+    if not spread > 0:
+        limit = f"coarsen_{coarsening}/target_force is the same in all training rows"
+        raise InputError("dataset", coarsening, limit, "Give a dataset in which the force varies.")
+    return spread
+
+
+def _along_mean_slip(rows: PreparedInputs, force: Forces) -> tuple[PreparedInputs, Forces]:
+    """Rows of a run with slip and force along their mean slip (M, 1); raises InputError where that is zero."""
+    slip = np.asarray(rows.slip, np.float64)
+    mean = slip.mean(axis=0)
+    length = float(np.linalg.norm(mean))
+    if not length > 0:
+        raise InputError("loss", "balance", "a dataset has no mean slip to balance forces along", "Use mse.")
+    along = mean[:, None] / length
+    return rows._replace(slip=(slip @ along).astype(np.float32)), np.asarray(force, np.float64) @ along

@@ -18,7 +18,7 @@ class FitSettings:
     Attributes:
         hidden: widths of the hidden layers.
         activation: a name of `ACTIVATIONS`.
-        loss: a name of `LOSSES`; the filtered recipe knows "mse" alone.
+        loss: a name of `LOSSES`; the filtered recipe knows "mse" and "balance", see `fit_filtered`.
         learning_rate: of Adamax (0.9, 0.999, 1e-7).
         schedule: "constant", or "cosine" down to a hundredth of the learning rate.
         batch: rows in a batch.
@@ -27,7 +27,8 @@ class FitSettings:
             evenly among the coarsenings.
         coarsenings: those used for training; None means the finest there is (paper) or all (filtered).
         terms: terms of the remainder (filtered), see `InvariantClosure`.
-        features: what the network sees (filtered), names of `jaxdem.closures.invariant.FEATURES` in their order.
+        features: what the network sees (filtered), names of `FEATURES` and `FURTHER_FEATURES` of
+            `jaxdem.closures.invariant` in their order.
         bounded: whether the factor is at most one (filtered), see `InvariantClosure`.
         held_out: name of the run held out; None means the last dataset's.
         held_out_fraction: part of the time span held out where all data are of one run.
@@ -75,7 +76,7 @@ class FitSettings:
 
     def __post_init__(self) -> None:
         """Raise InputError for a setting out of its range."""
-        for name, known in (("activation", ACTIVATIONS), ("loss", LOSSES)):
+        for name, known in (("activation", ACTIVATIONS), ("loss", (*LOSSES, "balance"))):
             value = getattr(self, name)
             if value not in known:
                 raise InputError(name, value, "is not known", f"Use one of {', '.join(known)}.")

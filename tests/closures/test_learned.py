@@ -455,6 +455,15 @@ def test_pressure_features_are_bounded_and_vanish_without_a_gradient():
     np.testing.assert_array_equal(prepare(closure, still).features[:, -2:], 0.0)
 
 
+def test_features_on_request_follow_the_others():
+    """ln(s + 0.01); a file keeps it by its name, and the names have one order."""
+    inputs, names = make_inputs(), ("solid_fraction", "log_solid_fraction")
+    seen = prepare(InvariantClosure.initial(features=names), inputs).features
+    np.testing.assert_allclose(seen[:, 1], np.log(np.asarray(inputs.solid_fraction) + 0.01), rtol=1e-12)
+    with pytest.raises(InputError, match="in this order"):
+        InvariantClosure.initial(features=names[::-1])
+
+
 def test_failed_write_keeps_the_old_file(tmp_path):
     path = tmp_path / "closure.h5"
     save_closure(path, CLOSURES["paper"](), {"round": 1})
