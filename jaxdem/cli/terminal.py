@@ -159,17 +159,18 @@ def print_comparison(comparison: Comparison) -> None:
 
 def print_sweep(sweep: Sweep) -> None:
     """One line a run: what was varied, whether it is valid, run time and metrics at the end; then the table's place."""
+    from rich.box import SIMPLE
     from rich.markup import escape
     from rich.table import Table
 
     from jaxdem.metrics import METRICS
 
-    table = Table(title="Metrics at the end, SI", title_justify="left", pad_edge=False)
+    table = Table(title="Metrics at the end, SI", title_justify="left", pad_edge=False, box=SIMPLE)
     shown = [m for m in METRICS if any(math.isfinite(run.final[m.name]) for run in sweep.runs)]
     for key in sweep.keys:
         table.add_column(escape(key), overflow="fold")
     for heading in ("valid", "run [s]", "compile [s]", *(metric.label for metric in shown)):
-        table.add_column(escape(heading), justify="right")
+        table.add_column(escape(heading), justify="right", overflow="fold")
     for run in sweep.runs:
         values = [escape(text) for text in run.texts.values()]
         state = "refused" if run.refused else "yes" if run.valid else "no"

@@ -18,12 +18,14 @@ class PartColumns(NamedTuple):
     Attributes:
         pattern: that their names match.
         names: those of a scene; none where it has not the part.
-        meaning: what they hold, with unit.
+        meaning: what they hold.
+        units: by the beginning of a name; the first that fits.
     """
 
     pattern: str
     names: Callable[[Tables], Iterable[str]]
     meaning: str
+    units: Mapping[str, str]
 
 
 def _walls(scene: Tables, key: str, column: str) -> list[str]:
@@ -46,42 +48,50 @@ PARTS: tuple[PartColumns, ...] = (
     PartColumns(
         r"present|removed",
         lambda scene: ("present", "removed") if comes_and_goes(scene) else (),
-        "numbers of particles that are there and that have left [-]",
+        "numbers of particles that are there and that have left",
+        {"": "-"},
     ),
     PartColumns(
         r"bonds_(intact|broken|left)",
         lambda scene: ("bonds_intact", "bonds_broken", "bonds_left") if scene.get("bonds") else (),
-        "numbers of bonds that hold, that broke, and that went with a grain [-]",
+        "numbers of bonds that hold, that broke, and that went with a grain",
+        {"": "-"},
     ),
     PartColumns(
         r"(pressure_gradient|bulk_velocity)_[xyz]",
         _along,
-        "mean gradient of the pressure [Pa/m] and bulk velocity [m/s] along every periodic axis of a driven fluid",
+        "mean gradient of the pressure and bulk velocity along every periodic axis of a driven fluid",
+        {"pressure": "Pa/m", "bulk": "m/s"},
     ),
     PartColumns(
         r"wall_\d+_displacement",
         lambda scene: _walls(scene, "piston", "displacement"),
-        "how far a wall that a force holds has moved [m]",
+        "how far a wall that a force holds has moved",
+        {"": "m"},
     ),
     PartColumns(
         r"wall_\d+_wear",
         lambda scene: _walls(scene, "wear", "wear"),
-        "what has been worn off a mesh [m3]",
+        "what has been worn off a mesh",
+        {"": "m3"},
     ),
     PartColumns(
         r"(fluid|particle)_temperature_mean",
         _temperatures,
-        "mean temperatures of the fluid, by volume, and of the particles, by heat capacity [K]",
+        "mean temperatures of the fluid, by volume, and of the particles, by heat capacity",
+        {"": "K"},
     ),
     PartColumns(
         r"scalar_\w+_mean",
         lambda scene: [f"scalar_{table['name']}_mean" for table in scene.get("scalars", [])],
         "mean of a scalar over the volume of the fluid, in its unit",
+        {"": ""},
     ),
     PartColumns(
         r"liquid_(volume|centre_height)",
         lambda scene: ("liquid_volume", "liquid_centre_height") if "surface" in scene else (),
-        "volume of the liquid [m3] and height of its centre [m], of two fluids",
+        "volume of the liquid and height of its centre, of two fluids",
+        {"liquid_volume": "m3", "": "m"},
     ),
 )
 """In the order of their columns."""
@@ -97,3 +107,9 @@ def columns_of_parts(scene: Tables) -> tuple[str, ...]:
 def is_of_a_part(name: str) -> bool:
     """Whether a column may be that of a part."""
     return _KNOWN.fullmatch(name) is not None
+
+
+def unit_of(name: str) -> str:
+    """Unit of a column of a part; empty where it has none that is known."""
+    part = next(part for part in PARTS if re.fullmatch(part.pattern, name))
+    return next(unit for start, unit in part.units.items() if name.startswith(start))

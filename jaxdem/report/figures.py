@@ -7,7 +7,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from jaxdem.metrics import METRICS, Metric
+from jaxdem.io.part_columns import is_of_a_part, unit_of
+from jaxdem.metrics import METRICS
 from jaxdem.report import runs as read
 from jaxdem.report import style
 from jaxdem.report.chart import Panel, Series, log_limits
@@ -24,10 +25,13 @@ FRONT = "Pareto front: none is both faster and better"
 
 
 def metrics_panels(rows: Sequence[Row]) -> list[Panel]:
-    """The metrics that the runs have, over time; an unsound run ends in a cross. Those without meaning in the box are
-    left out; `left_out` says why.
+    """The metrics that the runs have, over time, and what the parts of their scenes have put beside them; an unsound
+    run ends in a cross. Metrics without meaning in the box are left out; `left_out` says why.
     """
-    panels = [panel for metric in METRICS if (panel := _metric_panel(metric, rows))]
+    labels = {metric.name: f"{metric.label} [{metric.unit}]" for metric in METRICS}
+    for name in dict.fromkeys(name for row in rows for name in row.history if is_of_a_part(name)):
+        labels[name] = name.replace("_", " ") + (f" [{unit}]" if (unit := unit_of(name)) else "")
+    panels = [panel for name, label in labels.items() if (panel := _history_panel(name, label, rows))]
     return panels or [Panel("time [s]", "", note="no output yet")]
 
 
@@ -43,25 +47,26 @@ def left_out(rows: Sequence[Row]) -> str:
     return f"Left out: {listed}." if listed else ""
 
 
-def _metric_panel(metric: Metric, rows: Sequence[Row]) -> Panel | None:
-    """None for a metric that no run has."""
-    y_label = f"{metric.label} [{metric.unit}]"
-    shown = [(row, row.history[metric.name]) for row in rows if _has(row.history, metric.name)]
+def _history_panel(name: str, y_label: str, rows: Sequence[Row]) -> Panel | None:
+    """A column of the history; None for one that no run has."""
+    shown = [(row, row.history[name]) for row in rows if _has(row.history, name)]
     if not shown:
         return None
     series = []
     # Noise runs lie behind the others.
     for row, values in sorted(shown, key=lambda pair: pair[0].role != "noise"):
-        name = "reference, other packs" if row.role == "noise" else row.label
+        label = "reference, other packs" if row.role == "noise" else row.label
         times, look = row.history["time"], row.look
-        series.append(Series(name, times, values, look.color, look.dash, look.width))
+        series.append(Series(label, times, values, look.color, look.dash, look.width))
         if not row.ranked and row.role != "noise":
             last = [np.flatnonzero(np.isfinite(values))[-1]]
             series.append(Series("end of an unsound run", times[last], values[last], style.INVALID, marker="x"))
     every = [values for _, values in shown]
     limits = sound_limits([values for row, values in shown if row.ranked], every)
     note = "an unsound run leaves this panel" if limits else ""
-    return Panel("time [s]", y_label, series, y_limits=limits or steady_limits(every), note=note)
+    if limits is None and name in read.NAMES:  # of a temperature a thousandth may be what counts
+        limits = steady_limits(every)
+    return Panel("time [s]", y_label, series, y_limits=limits, note=note)
 
 
 def _has(history: dict[str, Array] | None, name: str) -> bool:

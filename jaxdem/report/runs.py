@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jaxdem.io import Run
+from jaxdem.io.part_columns import is_of_a_part
 from jaxdem.metrics import METRICS
 
 Array = NDArray[np.float64]
@@ -54,7 +55,8 @@ def text(value: object, fallback: str = "not recorded") -> str:
 
 
 def history_until(run: Run, until: float | None) -> dict[str, Array]:
-    """The history up to and including the time `until` [s]; columns (T,), with `time` first.
+    """The history up to and including the time `until` [s]; columns (T,), with `time` first: the metrics, and the
+    columns of the parts of the scene.
 
     Columns of another length than the time are left out (a history cut by a kill), and so are those that tell nothing
     in the run's box, `without_meaning`.
@@ -63,7 +65,7 @@ def history_until(run: Run, until: float | None) -> dict[str, Array]:
     times = np.asarray(history.get("time", run.times), dtype=np.float64)
     keep = np.ones(len(times), bool) if until is None else times <= until * (1 + 1e-9)
     result = {"time": times[keep]}
-    for name in NAMES:
+    for name in (*NAMES, *filter(is_of_a_part, history)):
         values = history.get(name)
         if values is not None and len(values) == len(times) and name not in left_out:
             result[name] = np.asarray(values, dtype=np.float64)[keep]

@@ -129,6 +129,17 @@ def test_sound_runs_choose_the_axis(make: Any) -> None:
     assert height.y_limits is None and not height.note
 
 
+def test_columns_of_parts_are_drawn_beside_the_metrics(make: Any) -> None:
+    run = make("warm")
+    count = len(run.history["time"])
+    run.history |= {"fluid_temperature_mean": np.full(count, 300.0), "present": np.arange(count, dtype=float)}
+    rows = compared(run, make("plain")).every
+    labels = [panel.y_label for panel in figures.metrics_panels(rows)]
+    assert labels[-2:] == ["fluid temperature mean [K]", "present [-]"] and len(labels) == 11
+    assert len(figures.metrics_panels(compared(make("plain"), make("other")).every)) == 9
+    assert np.isfinite(rows[1].mean_error), "they are no metrics"
+
+
 def test_digits_of_what_is_steady_do_not_fill_a_panel() -> None:
     steady, moving = np.array([0.06, np.nan, 0.06 + 2.7e-6]), np.array([0.06, 0.07])
     low, high = figures.steady_limits([steady])
