@@ -175,8 +175,11 @@ def _cycle(
 
     # Loops and stages, and not one expression: XLA would fuse that into one loop over cells, which computes every step
     # anew for each neighbour that asks for it, six times as long in all. The first step is from zero.
-    conducts = step[(0,) * step.ndim] > 0.0
-    p = stage(conducts, lambda: lax.fori_loop(1, STEPS, smoothed, step * residual))
+    def begun() -> Array:
+        return lax.fori_loop(1, STEPS, smoothed, step * residual)
+
+    # In slabs no stage: messages end what XLA fuses, and in a branch that one slab takes alone they would never come.
+    p = begun() if level.blocks is not None else stage(step[(0,) * step.ndim] > 0.0, begun)
     coarse = residual - level.diagonal * p + level.off_diagonal(p)
     for axis, halves in enumerate(level.halved):
         coarse = _in_pairs(coarse, axis) if halves else coarse
