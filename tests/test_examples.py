@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from pydantic import Field
 
+from jaxdem import InputError, build, load_scene
 from jaxdem.scene.base import Section
 from tests.cases.jax_md_alone import light_jax_md
 
@@ -45,6 +46,21 @@ def test_a_drag_law_of_ones_own(quickly_compiled):
 def test_a_contact_law_of_ones_own(quickly_compiled):
     found, expected = extending("contact_law")
     assert found == pytest.approx(expected, rel=1e-3)
+
+
+def test_a_force_of_ones_own(quickly_compiled):
+    found, expected, momentum = extending("force")
+    assert found == pytest.approx(expected, rel=0.01)  # the cell hides about 0.5 % of the slip
+    assert abs(momentum) < 1e-3  # they have none together: the fluid loses what the swimmer gets
+
+
+def test_forces_of_ones_own_that_nothing_feels_are_refused():
+    force = load(ROOT / "examples" / "extending" / "force.py")
+    dry = {name: table for name, table in force.SCENE.items() if name not in ("fluid", "coupling")}
+    thrust = force.Thrust(size=1e-7)
+    for tables, forces, reason in ((dry, [thrust], "has not both"), (force.SCENE, [thrust] * 2, "another force")):
+        with pytest.raises(InputError, match=reason):
+            build(load_scene(tables), forces=forces)
 
 
 def test_a_cohesion_of_ones_own():

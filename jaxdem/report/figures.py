@@ -64,7 +64,7 @@ def _history_panel(name: str, y_label: str, rows: Sequence[Row]) -> Panel | None
     every = [values for _, values in shown]
     limits = sound_limits([values for row, values in shown if row.ranked], every)
     note = "an unsound run leaves this panel" if limits else ""
-    if limits is None and name in read.NAMES:  # of a temperature a thousandth may be what counts
+    if limits is None and "temperature" not in name:  # of which a thousandth may be what counts
         limits = steady_limits(every)
     return Panel("time [s]", y_label, series, y_limits=limits, note=note)
 

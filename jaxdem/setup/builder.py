@@ -25,7 +25,7 @@ from jaxdem.setup.bodies import NO_BODIES, Bodies
 from jaxdem.setup.boundaries import scene_boundary
 from jaxdem.setup.closures import drag_closure
 from jaxdem.setup.contact import contact_interval
-from jaxdem.setup.coupling import fluid_coupling
+from jaxdem.setup.coupling import check_own_forces, fluid_coupling
 from jaxdem.setup.extensions import Extensions, has_models, refuse_unknown
 from jaxdem.setup.fluid import fluid_interval, fluid_setup
 from jaxdem.setup.fluid_walls import FluidWalls, fluid_walls
@@ -151,9 +151,8 @@ def build(
             that is a pytree goes into the parameters, and one may differentiate by its weights.
         devices: how many, or which, the box is cut for; see `jaxdem.devices`. None for one device and the plain
             program.
-        extensions: further parts in place of the scene's: `walls`, `contact_law`, `cohesion`, `inlet_profiles`,
-            `subgrid`,
-            `side_conditions`, `nusselt`; see `jaxdem.setup.extensions.Extensions`.
+        extensions: further parts in place of the scene's, or beside them: `walls`, `contact_law`, `cohesion`, `forces`,
+            `inlet_profiles`, `subgrid`, `side_conditions`, `nusselt`; see `jaxdem.setup.extensions.Extensions`.
 
     Raises:
         InputError: a step or size that the scene asks for cannot work.
@@ -202,6 +201,8 @@ def build_case(
     start = read_start(scene) if start is None else start
     dtype = _dtype(scene)
     check_memory(scene)
+    fluids = (scene.fluid is not None) + (scene.surface is not None)
+    check_own_forces(extensions.get("forces", ()), fluids, scene.particles is not None)
     boundary = scene_boundary(scene, extensions.get("inlet_profiles"), extensions.get("side_conditions"))
     particles, fluid = _particles(scene, start), fluid_setup(scene, kept_liquid(scene, start))
     check_magnitudes(scene, NO_BODIES if particles is None else particles.bodies)
@@ -220,7 +221,8 @@ def build_case(
     if interval is not None and particles is not None and scene.coupling is not None:
         closure = drag_closure(scene, scene.coupling, closure)
         surroundings = surroundings_of(scene, particles, closure)
-        coupling = fluid_coupling(scene.coupling, interval, particles.bodies.largest_diameter, surroundings)
+        own = extensions.get("forces", ())
+        coupling = fluid_coupling(scene.coupling, interval, particles.bodies.largest_diameter, surroundings, own)
         seen = seen.with_particles(interval.solver.grid, coupling.deposition, particles.bodies.largest_diameter)
     scalar_surfaces = None if interval is None else surfaces_of_scalars(scene, interval.solver.grid, seen)
     scalars = scene_scalars(scene, particles, interval, steps, extensions.get("nusselt"), scalar_surfaces)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from jaxdem.coupling.coarse_inputs import CoarseInputs
 from jaxdem.coupling.coupled import Coupling
@@ -28,7 +28,11 @@ MOST_KERNEL_CELLS = 8000
 
 
 def fluid_coupling(
-    table: CouplingTable, fluid: FluidInterval, diameter: float, surroundings: Surroundings | None = None
+    table: CouplingTable,
+    fluid: FluidInterval,
+    diameter: float,
+    surroundings: Surroundings | None = None,
+    own: Sequence[FluidForce] = (),
 ) -> Coupling:
     """The exchange between fluid and particles.
 
@@ -37,9 +41,10 @@ def fluid_coupling(
         fluid: solver and its steps.
         diameter: of the largest particle [m].
         surroundings: finds the neighbours for a drag law that asks for them.
+        own: forces of the user beside those of the scene.
 
     Raises:
-        InputError: the kernel is too wide or too narrow for what is wanted.
+        InputError: the kernel is too wide or too narrow for what is wanted, or two forces have one name.
     """
     if table.polydisperse and surroundings is not None:
         limit = "a closure of neighbours has learned what grains of one size do to each other"
@@ -55,7 +60,30 @@ def fluid_coupling(
         table.polydisperse,
         table.own_volume == "grain",
     )
-    return Coupling(fluid, deposition, drag, _further_forces(table))
+    return Coupling(fluid, deposition, drag, _named_once((*_further_forces(table), *own)))
+
+
+def check_own_forces(own: Sequence[FluidForce], fluids: int, has_particles: bool) -> None:
+    """Refuses forces of the user where nothing would give or feel them.
+
+    Raises:
+        InputError: the scene has no fluid, no particles, or two fluids.
+    """
+    if own and not (fluids and has_particles):
+        limit = "act between fluid and particles, and the scene has not both"
+        raise InputError("forces", [force.name for force in own], limit, "leave them out, or add what is missing")
+    if own and fluids > 1:
+        limit = "know the density and viscosity of one fluid alone, and the scene has two"
+        raise InputError("forces", [force.name for force in own], limit, "leave them out, or remove [surface]")
+
+
+def _named_once(forces: tuple[FluidForce, ...]) -> tuple[FluidForce, ...]:
+    """Forces whose means and memories can be told apart."""
+    names = [force.name for force in forces]
+    for k, name in enumerate(names):
+        if name in ("drag", "contact", *names[:k]):
+            raise InputError("forces", name, "is the name of another force", "give the class another name")
+    return forces
 
 
 def _further_forces(table: CouplingTable) -> tuple[FluidForce, ...]:

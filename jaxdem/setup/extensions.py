@@ -10,6 +10,7 @@ from typing import TypedDict
 
 from jax import Array
 
+from jaxdem.coupling.forces.protocol import FluidForce
 from jaxdem.fluid.inlet import InletProfile
 from jaxdem.fluid.side_conditions import SideCondition
 from jaxdem.fluid.subgrid_stress import SubgridLaw
@@ -28,6 +29,8 @@ class Extensions(TypedDict, total=False):
             stay those of the scene's law: name there the one that is most like it, or stiffer.
         cohesion: to use instead of the kind of the scene's `[contact.cohesion]`, whose numbers it is given. The reach
             of the neighbour list and the limits stay those of that kind: name there the one that is most like it.
+        forces: of the fluid on the particles, beside those of the scene; see
+            `jaxdem.coupling.forces.protocol.FluidForce`. Not with `[surface]`.
         inlet_profiles: by the side's name, one for each of its other axes or None where it is even, instead of the
             scene's `boundary.<side>.profile`; see `jaxdem.fluid.inlet.InletProfile`. The automatic fluid step
             takes them for even; a faster flow is met by sub-steps, or by a flag.
@@ -43,6 +46,7 @@ class Extensions(TypedDict, total=False):
     walls: Sequence[Callable[[Array], Array]]
     contact_law: ContactLaw | None
     cohesion: Cohesion | None
+    forces: Sequence[FluidForce]
     inlet_profiles: Mapping[str, Sequence[InletProfile | None]] | None
     subgrid: SubgridLaw | None
     side_conditions: Mapping[str, SideCondition] | None
@@ -61,5 +65,5 @@ def refuse_unknown(extensions: Extensions) -> None:
 
 
 def has_models(extensions: Extensions) -> bool:
-    """Whether something stands in place of a model of the scene: walls are beside it."""
-    return any(part is not None for name, part in extensions.items() if name != "walls")
+    """Whether something stands in place of a model of the scene: walls and forces are beside it."""
+    return any(part is not None for name, part in extensions.items() if name not in ("walls", "forces"))
