@@ -31,12 +31,12 @@ EQUAL = {2: (0.80, 0.82, 0.83, 0.839), 3: (0.58, 0.60, 0.62, 0.63)}
 """Solid fractions of equal particles by dimension (of areas in 2-D) [-]."""
 
 WIDE = {
-    ("uniform", 2): (0.85, 0.86), ("uniform", 3): (0.92, 0.95),
-    ("two sizes", 2): (0.87, 0.89), ("two sizes", 3): (0.92, 0.95),
+    ("uniform", 2): (0.85, 0.86), ("uniform", 3): (0.85, 0.92),
+    ("two sizes", 2): (0.87, 0.89), ("two sizes", 3): (0.85, 0.92),
 }  # fmt: skip
 """Those of many sizes by dimension; of spheres over the estimate."""
 
-FEWEST = 3
+FEWEST = {"uniform": 3, "two sizes": 10}
 """Particles of more than half of the largest radius; a pack with fewer is left out."""
 
 NAMES = {2: "discs", 3: "spheres"}
@@ -70,7 +70,7 @@ def packs(dimension: int, count: int, wide: int, ratios: list[float]) -> Iterato
     yield "equal", f"{count} equal {name}", np.ones(count)
     for ratio in ratios:
         for kind, radius in (("uniform", uniform(wide, ratio)), ("two sizes", two_sizes(dimension, wide, ratio))):
-            if np.sum(radius > 0.5 * ratio) >= FEWEST:
+            if np.sum(radius > 0.5 * ratio) >= FEWEST[kind]:
                 yield kind, f"{wide} {name}, {kind}, 1 : {ratio:g}", radius
 
 
