@@ -83,9 +83,12 @@ def test_divided_volume_is_that_of_the_sphere_within_a_cell():
     """A sphere cut by a plane through 1/4 of its diameter: the cap holds 5/32 of it; within two of 29 points."""
     grid = Grid((2, 2, 2), (0.1, 0.1, 0.1), 1.0, (False,) * 3)
     radius = jnp.asarray(0.02)
-    position = jnp.asarray([[0.05 + 0.01, 0.025, 0.025]])
-    weights = Divided((0.02,) * 3).weights(grid, position, radius)
-    shares = np.asarray(deposit(grid, weights, jnp.ones(1)))
+
+    @jax.jit
+    def compute(position):
+        return deposit(grid, Divided((0.02,) * 3).weights(grid, position, radius), jnp.ones(1))
+
+    shares = np.asarray(compute(np.array([[0.05 + 0.01, 0.025, 0.025]])))
     assert shares[0].sum() == pytest.approx(5 / 32, abs=2 / 29)
     assert shares[:, 0, 0].sum() == pytest.approx(1.0, abs=1e-15)
 
@@ -112,8 +115,14 @@ def unevenness(name, ratio, width=3.0):
     number = int(count * ratio / 1.25)
     lattice = np.stack(np.meshgrid(*[(np.arange(number) + 0.5) / number] * 2, indexing="ij"), -1).reshape(-1, 2)
     position = lattice * count * h
-    weights = depositions(grid, width)[name].weights(grid, jnp.asarray(position), jnp.asarray(0.5 * DIAMETER))
-    solids = np.asarray(solid_fraction(grid, weights, jnp.asarray(np.pi / 6 * DIAMETER**3)))
+    deposition = depositions(grid, width)[name]
+
+    @jax.jit
+    def compute(position):
+        weights = deposition.weights(grid, position, jnp.asarray(0.5 * DIAMETER))
+        return solid_fraction(grid, weights, jnp.asarray(np.pi / 6 * DIAMETER**3))
+
+    solids = np.asarray(compute(position))
     return solids.std() / solids.mean()
 
 

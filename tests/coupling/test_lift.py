@@ -4,6 +4,7 @@ import importlib
 import inspect
 import math
 import pkgutil
+from functools import partial
 from typing import get_args
 
 import jax
@@ -25,6 +26,14 @@ from tests.cases.small_scenes import SMALL_INJECTION
 
 D, RHO, MU = 2e-3, 1000.0, 1e-3
 
+# Compiled as wholes: outside of `jit` every operation is a program of its own.
+rotational_drag, vorticity = jax.jit(rotational_drag), jax.jit(vorticity, static_argnums=0)
+
+
+@partial(jax.jit, static_argnums=0)
+def force_by(law, around):
+    return law.force(around)
+
 
 def inputs(slip, curl, spin, viscosity=MU):
     as_vector = lambda values: tuple(jnp.asarray([v], jnp.float64) for v in values)  # noqa: E731
@@ -44,7 +53,7 @@ def test_saffman_at_small_reynolds_number():
     Mei's factor is 1 - 0.33 sqrt(b) - Re/10: 0.998 here.
     """
     viscosity, slip, shear = 10.0, 0.02, 1e-3
-    force = SaffmanMei().force(inputs((slip, 0.0), (-shear,), (0.0,), viscosity))  # u = (shear y, 0)
+    force = force_by(SaffmanMei(), inputs((slip, 0.0), (-shear,), (0.0,), viscosity))  # u = (shear y, 0)
     expected = 6.46 * viscosity * (D / 2) ** 2 * slip * math.sqrt(shear * RHO / viscosity)
     assert float(force[1][0]) == pytest.approx(expected, rel=4e-3)
     assert abs(float(force[0][0])) == 0.0
@@ -60,8 +69,8 @@ def test_saffman_with_meis_factor(slip, shear):
     )
     expected = 1.615 * MU * D * slip * math.sqrt(D**2 * shear * RHO / MU) * factor
     # In 3-D the same flow in another plane: u = (0, 0, shear x), slip along z; the force is along x.
-    flat = SaffmanMei().force(inputs((slip, 0.0), (-shear,), (0.0,)))
-    solid = SaffmanMei().force(inputs((0.0, 0.0, slip), (0.0, -shear, 0.0), (0.0, 0.0, 0.0)))
+    flat = force_by(SaffmanMei(), inputs((slip, 0.0), (-shear,), (0.0,)))
+    solid = force_by(SaffmanMei(), inputs((0.0, 0.0, slip), (0.0, -shear, 0.0), (0.0, 0.0, 0.0)))
     assert float(flat[1][0]) == pytest.approx(expected, rel=1e-12)
     assert float(solid[0][0]) == pytest.approx(expected, rel=1e-12)
 
@@ -69,7 +78,7 @@ def test_saffman_with_meis_factor(slip, shear):
 def test_magnus_at_small_reynolds_number():
     """Rubinow and Keller's pi r^3 rho omega x v, for a sphere that moves and turns in still fluid."""
     velocity, spin, viscosity = np.array([1e-3, 0.0]), 0.3, 10.0
-    force = Magnus().force(inputs(-velocity, (0.0,), (spin,), viscosity))
+    force = force_by(Magnus(), inputs(-velocity, (0.0,), (spin,), viscosity))
     expected = math.pi * (D / 2) ** 3 * RHO * spin * velocity[0]
     assert float(force[1][0]) == pytest.approx(expected, rel=1e-3)
     assert float(force[0][0]) == pytest.approx(0.0, abs=1e-30)
@@ -80,10 +89,10 @@ def test_magnus_of_oesterle_and_bui_dinh(speed, spin):
     re, rotation = RHO * speed * D / MU, RHO * spin * D**2 / MU
     factor = 0.45 + (rotation / re - 0.45) * math.exp(-0.05684 * rotation**0.4 * re**0.3)
     expected = 0.5 * RHO * math.pi / 4 * D**2 * factor * speed**2
-    force = Magnus().force(inputs((-speed, 0.0), (0.0,), (spin,)))
+    force = force_by(Magnus(), inputs((-speed, 0.0), (0.0,), (spin,)))
     assert float(force[1][0]) == pytest.approx(expected, rel=1e-12)
     # A sphere that turns with the fluid, at half its vorticity, has none.
-    assert float(Magnus().force(inputs((-speed, 0.0), (2 * spin,), (spin,)))[1][0]) == 0.0
+    assert float(force_by(Magnus(), inputs((-speed, 0.0), (2 * spin,), (spin,)))[1][0]) == 0.0
 
 
 @pytest.mark.parametrize(("spin", "factor"), [(5.0, 1.0), (200.0, (12.9 * 800**0.5 + 128.4) / (64 * math.pi))])
@@ -104,8 +113,9 @@ def test_gradients_are_finite_without_slip_and_without_rotation(law):
         )
         return jnp.sum(force[0] + force[1])
 
+    slopes = jax.jit(jax.grad(total, (0, 1)))
     for slip, curl in ((0.0, 0.0), (0.1, 0.0), (0.0, 1.0)):
-        found = jax.grad(total, (0, 1))(jnp.asarray([slip]), jnp.asarray([curl]))
+        found = slopes(jnp.asarray([slip]), jnp.asarray([curl]))
         assert all(np.isfinite(np.asarray(g)).all() for g in found)
 
 

@@ -128,12 +128,13 @@ def test_solver_and_training_give_the_same(effect, closure, axis):
 
 def test_axes_are_right_handed_and_slopes_are_finite():
     vectors = jnp.asarray([[1.0, 2.0, 3.0], [0.0, 0.0, -1.0], [0.0, 0.0, 2.0], [1.0, -1.0, 0.0], [0.0, 0.0, 0.0]])
-    axes = np.stack(axes_along(vectors), axis=1)
+    along = jax.jit(axes_along)
+    axes = np.stack(along(vectors), axis=1)
     np.testing.assert_allclose(axes @ axes.transpose(0, 2, 1), np.broadcast_to(np.eye(3), (5, 3, 3)), atol=1e-12)
     np.testing.assert_allclose(np.linalg.det(axes), 1.0)
     size = np.linalg.norm(vectors, axis=1)
     np.testing.assert_allclose(axes[:4, 0] * size[:4, None], vectors[:4], atol=1e-12)
-    assert np.isfinite(jax.jacobian(lambda v: jnp.stack(axes_along(v)))(vectors)).all()
+    assert np.isfinite(jax.jit(jax.jacobian(lambda v: jnp.stack(along(v))))(vectors)).all()
 
 
 def test_momentum_is_exact_and_torques_reach_the_grains(world, closure):
@@ -189,13 +190,14 @@ def test_without_room_the_mean_law_acts_and_all_are_told(closure, world, monkeyp
     narrow = dataclasses.replace(coupling.drag.surroundings, slots=3, cell_slots=4)
     drag = dataclasses.replace(coupling.drag, surroundings=narrow)
     monkeypatch.setattr(surroundings, "AT_ONCE", 7)  # the last block is not full
-    _, mixture, fluid, particles = world.begin(closure, slip_of([1.0, 0.0, 0.0]))
-    sampled = coupling.sample(mixture, fluid, particles)
-    start = coupling.start(mixture, fluid, particles, sampled)
-    effects = [
-        jax.jit(lambda model=model: model.neighbors(closure, mixture.drag_scale, start, sampled.law_inputs))()
-        for model in (drag, coupling.drag)
-    ]
+
+    def effect(model, mixture, fluid, particles):
+        sampled = coupling.sample(mixture, fluid, particles)
+        start = coupling.start(mixture, fluid, particles, sampled)
+        return model.neighbors(closure, mixture.drag_scale, start, sampled.law_inputs)
+
+    given = world.begin(closure, slip_of([1.0, 0.0, 0.0]))[1:]
+    effects = [jax.jit(lambda *given, model=model: effect(model, *given))(*given) for model in (drag, coupling.drag)]
     assert np.asarray(effects[0].out_of_range).all()
     np.testing.assert_array_equal(effects[0].multiple, 1.0)
     np.testing.assert_array_equal(effects[0].across, 0.0)
@@ -256,15 +258,16 @@ def test_a_crowd_elsewhere_does_not_matter(closure):
     world = World(
         closure, domain=dict(size=[long * D, SIDE * D, SIDE * D]), particles=dict(position=(centres * D).tolist())
     )
-    coupling, mixture = world.simulation.coupling, world.parameters.mixture
-    start = coupling.start(
-        mixture,
-        world.state.fluid,
-        world.state.particles,
-        coupling.sample(mixture, world.state.fluid, world.state.particles),
-    )
+    coupling = world.simulation.coupling
     narrow = dataclasses.replace(coupling.drag.surroundings, cell_slots=4)
-    others, full = (np.asarray(part) for part in narrow.neighbors(start))
+
+    @jax.jit
+    def listed(mixture, fluid, particles):
+        sampled = coupling.sample(mixture, fluid, particles)
+        return narrow.neighbors(coupling.start(mixture, fluid, particles, sampled))
+
+    found = listed(world.parameters.mixture, world.state.fluid, world.state.particles)
+    others, full = (np.asarray(part) for part in found)
     assert full[:COUNT].any() and not full[COUNT:].any()
     apart = centres[:, None] - centres[None]
     apart -= np.array([long, SIDE, SIDE]) * np.round(apart / np.array([long, SIDE, SIDE]))
