@@ -13,7 +13,7 @@ from jax import Array
 from numpy.typing import NDArray
 
 from jaxdem.closures.moments import MomentBasis, Offset, carried_moments, moments, with_wake
-from jaxdem.closures.neighbors import CONDITIONS, NeighborClosure, conditions, presence
+from jaxdem.closures.neighbors import CONDITIONS, NeighborClosure, Response, conditions, presence
 from jaxdem.train.spheres import Floats, SphereGroup
 
 AT_ONCE = 8192
@@ -53,7 +53,7 @@ def with_carried(closure: NeighborClosure, group: SphereGroup, values: tuple[Flo
         return values
     known, crowd = _known(group, len(values[0])), values[0][:, 0, 0]
     force = np.asarray(_in_parts(lambda rows, flow: _level_values(closure, 0, rows, flow), values, known))[:, :3]
-    force = np.asarray(presence(jnp.asarray(crowd)))[:, None] * force
+    force = np.asarray(_presence(crowd))[:, None] * force
     carried = closure.carried
     further = _by_array(group, force, lambda place, box, vector: _array_carried(carried, place, box, vector))
     both = [np.concatenate(pair, axis=2) for pair in zip(values, further, strict=False)]
@@ -109,8 +109,19 @@ def predicted(closure: NeighborClosure, group: SphereGroup, values: tuple[Floats
     known = _known(group, len(crowd))
     found = _in_parts(lambda rows, flow: _level_values(closure, last, rows, flow), values, known)
     flows = (np.full(len(crowd), value, np.float32) for value in (group.reynolds, group.solid_fraction))
-    response = closure.response(jnp.asarray(found), jnp.asarray(crowd), *map(jnp.asarray, flows))
+    response = _response(closure, found, crowd, *flows)
     return Targets(*(np.asarray(part) for part in response[:3]))
+
+
+# As wholes: outside of `jit` every operation would be compiled by itself.
+_presence, _conditions = jax.jit(presence), jax.jit(conditions)
+
+
+@jax.jit
+def _response(
+    closure: NeighborClosure, values: Array, crowd: Array, reynolds: Array, solid_fraction: Array
+) -> Response:
+    return closure.response(values, crowd, reynolds, solid_fraction)
 
 
 @partial(jax.jit, static_argnums=1)
@@ -121,8 +132,8 @@ def _level_values(closure: NeighborClosure, number: int, values: tuple[Array, ..
 
 def _known(group: SphereGroup, count: int) -> Floats:
     """(count, 3) `conditions` of a group."""
-    flows = (jnp.asarray([value], jnp.float32) for value in (group.reynolds, group.solid_fraction))
-    return np.broadcast_to(np.asarray(conditions(*flows)), (count, CONDITIONS))
+    flows = (np.array([value], np.float32) for value in (group.reynolds, group.solid_fraction))
+    return np.broadcast_to(np.asarray(_conditions(*flows)), (count, CONDITIONS))
 
 
 def _in_parts(function: Callable[..., Array], values: tuple[Floats, ...], known: Floats) -> Floats:
