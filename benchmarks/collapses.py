@@ -15,6 +15,7 @@ import dataclasses
 import json
 import sys
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -94,8 +95,8 @@ def width_of(setup: Setup, aspect: float, seed: int) -> float:
     return float(np.sqrt(np.pi * np.sum(radii(setup, seed) ** 2) / (PACKED * aspect)))
 
 
-def poured(setup: Setup, aspect: float, seed: int, folder: Path) -> Path:
-    """A column at rest between the wall and a gate, without a fluid."""
+def poured(setup: Setup, aspect: float, seed: int, folder: Path, contacts: Mapping[str, float] = POURED) -> Path:
+    """A column at rest between the wall and a gate, without a fluid; `contacts` are what it comes to rest with."""
     path, width = folder / "poured", width_of(setup, aspect, seed)
     tall = 2.0 * aspect * width
     tables = {
@@ -106,7 +107,7 @@ def poured(setup: Setup, aspect: float, seed: int, folder: Path) -> Path:
             "radius": radii(setup, seed).tolist(), "density": SOLID,
             "pack": {"kind": "settled", "count": setup.grains, "start": [0.0, 0.0], "stop": [width, tall]},
         },
-        "contact": {"young_modulus": setup.modulus, "poisson_ratio": 0.3, "restitution": 0.3, **POURED,
+        "contact": {"young_modulus": setup.modulus, "poisson_ratio": 0.3, "restitution": 0.3, **contacts,
                     "speed": float(np.sqrt(4.0 * setup.pouring * setup.box[1]))},
         "walls": [{"kind": "plane", "point": [width, 0.0], "normal": [-1.0, 0.0]}],
         "time": {"end": setup.output, "output_interval": setup.output},
