@@ -2,6 +2,7 @@
 
 import copy
 import json
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -108,3 +109,18 @@ def test_slopes_go_through_conduction_of_layers():
     slope = float(jax.jit(jax.grad(passed))(jnp.asarray(0.5)))
     ends = [float(jax.jit(passed)(jnp.asarray(0.5 + d))) for d in (1e-4, -1e-4)]
     assert slope == pytest.approx((ends[0] - ends[1]) / 2e-4, rel=1e-6)
+
+
+def test_the_balls_of_the_scene_quench_begin_in_the_air_and_end_with_the_pool_at_what_it_says():
+    """294.1 K: both heats over both capacities, of the first state."""
+    scene = load_scene(Path(__file__).parents[2] / "scenes" / "quench.toml")
+    simulation, parameters = jaxdem.build(scene)
+    state, _ = jaxdem.initial_state(scene, simulation, parameters)
+    grains, heat = scene.particles, scene.heat
+    height = np.asarray(state.particles.position)[:, 1]
+    assert height.shape == (60,) and height.min() > scene.surface.level + grains.radius
+    balls = 60 * grains.density * heat.particle_heat_capacity * 4.0 / 3.0 * np.pi * grains.radius**3
+    water = float(np.sum(state.fluid.liquid_fraction)) * simulation.fluid.solver.grid.cell_volume
+    water *= scene.fluid.density * heat.fluid_heat_capacity
+    end = (heat.particle_temperature * balls + heat.fluid_temperature * water) / (balls + water)
+    assert end == pytest.approx(294.1, abs=0.05)
