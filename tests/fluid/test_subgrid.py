@@ -1,5 +1,7 @@
 """Smagorinsky's subgrid viscosity in flows whose strain is known, and the limit that it puts on a fluid step."""
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -23,10 +25,19 @@ def box(cells, kinds):
     return grid, Boundary(tuple(Side(n // 2, bool(n % 2), kind) for n, kind in enumerate(kinds)))
 
 
+# Compiled as wholes: outside of `jit` every operation is a program of its own.
+stress_divergence = jax.jit(stress_divergence, static_argnums=0)
+
+
+@partial(jax.jit, static_argnums=0)
+def subgrid_viscosity(grid, sides, velocity):
+    return eddy_viscosity(strain_rates(grid, sides, velocity), jnp.asarray(CS * grid.filter_size))
+
+
 def viscosity_of(grid, boundary, velocity, sides=None):
     still = (jnp.zeros(grid.dimension),) * (2 * grid.dimension)
-    rates = strain_rates(grid, Sides(boundary, still if sides is None else sides, TIME), velocity)
-    return np.asarray(eddy_viscosity(rates, jnp.asarray(CS * grid.filter_size)))
+    sides = Sides(boundary, still if sides is None else sides, TIME)
+    return np.asarray(subgrid_viscosity(grid, sides, velocity))
 
 
 @pytest.mark.parametrize("cells", [(4, 6), (3, 4, 6)])
@@ -92,7 +103,7 @@ def test_slope_is_finite_at_rest():
         return sum(jnp.sum(s) for s in stress)
 
     at_rest = linear_faces(grid, np.zeros((2, 2)))
-    slopes = jax.grad(total, (0, 1))(at_rest, jnp.asarray(CS))
+    slopes = jax.jit(jax.grad(total, (0, 1)))(at_rest, jnp.asarray(CS))
     assert all(bool(jnp.all(jnp.isfinite(leaf))) for leaf in jax.tree.leaves(slopes))
 
 

@@ -54,12 +54,16 @@ def test_the_velocity_is_the_slope_of_the_position(motion, given, point):
 @pytest.mark.parametrize(("motion", "given", "point"), MOTIONS)
 def test_to_the_body_and_back(motion, given, point):
     given = numbers(given, jnp.float64)
+
+    @jax.jit
+    def both(time, point):
+        placed = motion.at(given, (time, None))
+        place = placed.position_of(point)[0]
+        return placed.to_body(tuple(place), (None,) * len(point))[0], placed.to_box(tuple(point))
+
     for time in TIMES:
-        placed = motion.at(given, (jnp.asarray(time), None))
-        place = placed.position_of(jnp.asarray(point))[0]
-        back, _ = placed.to_body(tuple(place), (None,) * len(point))
+        back, arrow = both(time, np.array(point))
         np.testing.assert_allclose(np.stack(back), point, atol=1e-14)
-        arrow = placed.to_box(tuple(jnp.asarray(point)))
         np.testing.assert_allclose(np.linalg.norm(np.stack(arrow)), np.linalg.norm(point), rtol=1e-14)
 
 
@@ -129,9 +133,9 @@ def test_derivatives_by_amplitude_frequency_and_rate():
         return -jnp.sin(turn["rate"] * time) + wave["amplitude"] * jnp.sin(angle)
 
     given = ({"rate": 0.7}, {"amplitude": 0.05, "frequency": 3.0, "phase": -0.2})
-    expected = jax.tree.leaves(jax.grad(closed)(numbers(given, jnp.float64)))
+    expected = jax.tree.leaves(jax.jit(jax.grad(closed))(numbers(given, jnp.float64)))
     for dtype, tolerance in ((jnp.float64, 1e-12), (jnp.float32, 3e-6)):
-        found = jax.tree.leaves(jax.grad(place)(numbers(given, dtype), dtype))
+        found = jax.tree.leaves(jax.jit(jax.grad(place), static_argnums=1)(numbers(given, dtype), dtype))
         np.testing.assert_allclose(found, expected, rtol=tolerance)
 
 
