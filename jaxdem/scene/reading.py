@@ -81,6 +81,7 @@ def load_chain(sources: Sequence[Path], overrides: dict[str, Any] | None = None)
 def _prepared(tables: dict[str, Any], folder: Path, overrides: Mapping[str, Any] | None) -> dict[str, Any]:
     """Tables with single keys changed, and absolute names of files."""
     for key, value in (overrides or {}).items():
+        _check_depth({key: value})
         _set(tables, key, _copy(value))  # further keys may be set within it
     _check_depth(tables)
     return _absolute_files(tables, folder)

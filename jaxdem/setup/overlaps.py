@@ -83,7 +83,7 @@ def check_initial_positions(particles: ParticleSetup) -> None:
         raise InputError(
             allowed.key,
             f"particle {rows[index]} at {_point(position[index])} m",
-            "its centre lies outside of the box"
+            f"its centre lies outside of the box, beyond the {sides} wall"
             if part > 0.5
             else f"it reaches {_percent(part)} of its diameter into the {sides} wall, {allowed}",
             allowed.move,
