@@ -23,13 +23,14 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script from anywhere
 
 from benchmarks import harness
-from benchmarks.clusters_closures import closure_of, train, tuned, tuned_name
+from benchmarks.clusters_closures import LOSSES, Seen, closure_of, train, train_seen, tuned, tuned_name
 from benchmarks.clusters_measures import is_fine, measured, pooled
 from benchmarks.clusters_runs import Case, simulated
+from benchmarks.clusters_seen import filtered_drag
 
 FRACTIONS = (0.02, 0.05, 0.2)
 """Mean solid fractions; 0.1 is for training only, see docs/results/clusters.md."""
-TRAINED_ON = (Case(0.05, samples=True), Case(0.1, samples=True, times=11))
+TRAINED_ON = (Case(0.05, samples=1), Case(0.1, samples=1, times=11))
 """Fine runs that closures are trained on, see `clusters_closures.FITS`."""
 MODELS = ("", "radl", "regression", "network", "network2", "fraction", "bounded", "gradient")
 """Closures that are compared, see `clusters_closures`."""
@@ -52,13 +53,13 @@ PARCEL_STEP, PARCEL_TIMES = 5e-4, 110
 
 def fine(solid_fraction: float, seed: int = 0) -> Case:
     """The fine run of a mean solid fraction."""
-    samples = solid_fraction == TRAINED_ON[0].solid_fraction and seed == 0
+    samples = int(solid_fraction == TRAINED_ON[0].solid_fraction and seed == 0)
     return Case(solid_fraction, seed=seed, samples=samples, times=FINE_TIMES[solid_fraction])
 
 
 def coarse(solid_fraction: float, cell: float, closure: str = "", parcel: int = 1, seed: int = 0) -> Case:
     """A coarse run beside it."""
-    case = replace(fine(solid_fraction, seed), cell=cell, closure=closure, parcel=parcel, samples=False)
+    case = replace(fine(solid_fraction, seed), cell=cell, closure=closure, parcel=parcel, samples=0)
     if parcel == 1:
         return replace(case, times=min(case.times, GRAIN_TIMES))
     return replace(case, step=PARCEL_STEP, times=PARCEL_TIMES)
@@ -72,6 +73,22 @@ def lossy(case: Case) -> Case:
 def of_grain(case: Case) -> Case:
     """The case with parcels that see the volume of one grain in place of their own."""
     return replace(case, name="own", changes=(("coupling.own_volume", "grain"),))
+
+
+def with_long_step(case: Case) -> Case:
+    """The case with a contact step of a tenth of an impact in place of a twentieth; it takes half of the time."""
+    return replace(case, name="step", changes=(("contact.time_step", 1e-5),))
+
+
+LONG = with_long_step(Case(0.2, seed=2, times=52, samples=3))
+"""A further fine run, for the mean."""
+SEEN_ON = (
+    Seen(Case(0.05, seed=2, times=36, samples=1), draws=8, dropped=6),
+    Seen(with_long_step(Case(0.01, times=30, samples=1)), draws=16, dropped=6),
+    Seen(with_long_step(Case(0.15, times=15, samples=1)), draws=4, dropped=5),
+    Seen(with_long_step(Case(0.3, times=13, samples=1)), draws=4, dropped=5),
+)
+"""Fine runs that the closures of `LOSSES` are trained on: their solid fractions lie round those that are compared."""
 
 
 def with_tuned(case: Case) -> Case:
@@ -88,13 +105,15 @@ def plan() -> dict[str, list[Case]]:
         replace(base, name="wide", changes=(("coupling.kernel_width.cells", 1.0),)),
     ]
     return {
-        "fine": [fine(s, seed) for seed in SEEDS for s in FRACTIONS],
+        "fine": [*(fine(s, seed) for seed in SEEDS for s in FRACTIONS), LONG],
+        "training": [one.case for one in SEEN_ON],
         "mesh": [*small, *checks],
         "models": [coarse(s, cell, model) for cell in reversed(COARSE) for model in MODELS for s in FRACTIONS],
         "parcels": [coarse(s, cell, model, 4) for cell in COARSE for model in MODELS for s in FRACTIONS],
         "seeds": [coarse(s, 24.0, model, 4, seed) for model in OWN for s in FRACTIONS for seed in SEEDS[1:]],
         "own": [of_grain(coarse(s, 24.0, model, 4, seed)) for model in OWN for s in FRACTIONS for seed in SEEDS],
         "loss": [lossy(coarse(s, 24.0, model, 4)) for model in LOSSY for s in FRACTIONS],
+        "seen": [coarse(s, 24.0, model, 4, seed) for model in LOSSES for s in FRACTIONS for seed in SEEDS],
         "tuned": [with_tuned(coarse(s, cell, parcel=parcel)) for cell, parcel in TUNED for s in FRACTIONS],
     }
 
@@ -112,7 +131,10 @@ def rows_of(cases: list[Case], folder: Path, until: float) -> Iterator[dict[str,
             if time.monotonic() > until and not took.exists():
                 continue
             run = simulated(case, folder, closure_of(case, folder))
-            kept.write_text(json.dumps(measured(case, run)))
+            found = measured(case, run)
+            if case.samples:
+                found["filtered_drag"] = filtered_drag(case, run)
+            kept.write_text(json.dumps(found))
         yield (
             {name: getattr(case, name) for name in NAMED} | json.loads(took.read_text()) | json.loads(kept.read_text())
         )
@@ -155,6 +177,8 @@ def main() -> None:
     for name in [part for part in arguments.groups.split(",") if part] or groups:
         if name in ("models", "seeds", "own", "loss", "tuned") and time.monotonic() < until:
             train(TRAINED_ON, arguments.runs)
+        if name == "seen" and time.monotonic() < until:
+            train_seen(SEEN_ON, arguments.runs)
         if name == "tuned" and time.monotonic() < until:
             slips = [row["slip"]["mean"] for row in rows_of([fine(0.05)], arguments.runs, until)]
             for cell, parcel in TUNED:

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.clusters_runs import Case, simulated, terminal_speed
+from benchmarks.clusters_seen import make_seen
 from jaxdem.closures import DragClosure, InvariantClosure, RadlSundaresan, load_closure, save_closure
 from jaxdem.closures.invariant import FEATURES
 from jaxdem.closures.network import layer_name
@@ -32,6 +33,9 @@ FITS: dict[str, tuple[tuple[int, ...], tuple[str, ...], int, bool]] = {
 }
 """What is fitted: hidden layers, features, on how many of the training runs, and whether the factor on the drag is at
 most one. Without a hidden layer the logarithm of the factor is linear in the features."""
+LOSSES = {"balance": "balance", "squares": "mse"}
+"""Closures of the solid fraction that are fitted to what parcels see, by the loss of the fit."""
+SEEN_FEATURES = ("solid_fraction", "log_solid_fraction")
 HELD_OUT = 0.15
 """Part of the time of the first training run, at its end, on which closures are judged and not trained."""
 
@@ -59,6 +63,43 @@ def train(cases: Sequence[Case], folder: Path, seed: int = 0) -> None:
         if not path.exists():
             settings = FitSettings.filtered(hidden=hidden, features=features, seed=seed, epochs=40, bounded=bounded)
             found = fit_filtered([early, *datasets[1:number], late], settings)
+            save_closure(path, found.closure, found.metadata)
+
+
+@dataclasses.dataclass(frozen=True)
+class Seen:
+    """A fine run for training, as parcels of 4 on cells of 24 diameters see it.
+
+    Attributes:
+        case: of the run, with samples.
+        draws: see `clusters_seen.thinned`.
+        dropped: relaxation times at the start that are left out.
+    """
+
+    case: Case
+    draws: int
+    dropped: float
+
+
+def train_seen(runs: Sequence[Seen], folder: Path, seed: int = 0) -> None:
+    """The closures of `LOSSES`, fitted to all samples of fine runs; what is there is not done again.
+
+    The end of the first run, on which the fit is judged, is trained on too: runs of other solid fractions are the test.
+    """
+    datasets: list[Dataset] = []
+    for one in runs:
+        file = folder / f"{one.case.folder}.seen.h5"
+        if not file.exists():
+            make_seen(one.case, simulated(one.case, folder), file, draws=one.draws, dropped=one.dropped)
+        datasets.append(read_dataset(file))
+    end = parted(datasets[0])[1]
+    for name, loss in LOSSES.items():
+        path = folder / f"{name}.closure.h5"
+        if not path.exists():
+            settings = FitSettings.filtered(
+                features=SEEN_FEATURES, loss=loss, bounded=True, seed=seed, epochs=300, batch=4000, learning_rate=2e-2
+            )
+            found = fit_filtered([*datasets, end], settings)
             save_closure(path, found.closure, found.metadata)
 
 

@@ -26,6 +26,8 @@ NAMES = {
     "fraction": "solid fraction alone",
     "bounded": "network, bounded",
     "gradient": "with the gradient",
+    "squares": "as seen, squares",
+    "balance": "as seen, balance",
 }
 """Of the closures, in the order of the lines."""
 KINDS: dict[str, tuple[str, str, float]] = {
@@ -82,7 +84,7 @@ def kind_of(row: dict[str, Any]) -> str:
 
 def draw_errors(rows: Sequence[dict[str, Any]], path: Path) -> None:
     """Errors of slip and drag by closure, a column a mean solid fraction; bars are two standard errors of the run."""
-    fractions = sorted({row["solid_fraction"] for row in rows if is_fine(row)})
+    fractions = sorted({row["solid_fraction"] for row in rows if not is_fine(row)})
     with style.look():
         figure = style.new_figure(2.4 * len(fractions) + 2.0, 10.4)
         panels = figure.subplots(len(MEASURES), len(fractions), sharex=True, sharey=True, squeeze=False)

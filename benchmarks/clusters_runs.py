@@ -40,7 +40,7 @@ class Case:
         diameter: of a grain [m].
         times: relaxation times that the run takes.
         step: fluid step and coupling interval [s].
-        samples: whether the run writes samples for training.
+        samples: relaxation times between samples for training, 0 for none.
         changes: further keys of the scene, as pairs.
         name: of the run's folder, where the attributes above do not tell it from others.
     """
@@ -54,7 +54,7 @@ class Case:
     diameter: float = 75e-6
     times: int = 40
     step: float = 2e-4
-    samples: bool = False
+    samples: int = 0
     changes: tuple[tuple[str, Any], ...] = ()
     name: str = ""
 
@@ -99,7 +99,7 @@ class Case:
                 "coupling.kernel_width.diameters": 3.0 / self.parcel,
                 "time.end": self.times * RELAXATION,
                 "time.output_interval": RELAXATION,
-                "output.samples": RELAXATION if self.samples else 0.0,
+                "output.samples": RELAXATION * self.samples,
                 "probes": [probe | {"interval": RELAXATION / 2.0, "sample_interval": 1e-3}],
                 **dict(self.changes),
             },

@@ -15,6 +15,7 @@ from benchmarks import clusters
 from benchmarks import clusters_measures as measures
 from benchmarks import clusters_runs as runs
 from benchmarks.clusters_closures import parted, scaled
+from benchmarks.clusters_seen import OF_GRAINS, thinned
 from jaxdem.closures import DragInputs, InvariantClosure, WenYu
 from jaxdem.train.dataset_file import VECTORS, Dataset, Group
 
@@ -147,6 +148,22 @@ def test_a_scaled_closure_has_the_logarithm_of_its_factor_scaled():
     base = float(closure.base(inputs).coefficient[0])
     once, twice = (math.log(float(scaled(closure, k)(inputs).coefficient[0]) / base) for k in (1.0, 2.0))
     assert once < 0 and twice == pytest.approx(2.0 * once, rel=1e-3)
+
+
+def test_parcels_of_a_thinned_sample_share_out_the_grains():
+    """Every grain is a parcel in one of the draws, with l^2 times its force: the mean of all draws has all forces."""
+    names = ("position", "particle_velocity", *OF_GRAINS)
+    generator = np.random.default_rng(0)
+    sample = {name: generator.normal(size=(64, 2)) for name in names} | {"solid_fraction": np.arange(64.0)}
+    draws = thinned(sample | {"pressure": np.ones(3)}, 4, 16, seed=1)
+    assert len(draws) == 16 and all(len(draw["position"]) == 4 for draw in draws)
+    rows = np.concatenate([draw["solid_fraction"] for draw in draws]).astype(int)
+    assert sorted(rows) == list(range(64)) and (rows != np.arange(64)).any()
+    for name in OF_GRAINS:
+        total = np.sum([draw[name].sum(axis=0) for draw in draws], axis=0) / 16
+        np.testing.assert_allclose(total, sample[name].sum(axis=0))
+    np.testing.assert_array_equal(np.concatenate([draw["position"] for draw in draws]), sample["position"][rows])
+    assert all((draw["pressure"] == 1.0).all() for draw in draws)  # the gas stays as it is
 
 
 def test_the_plan_has_a_fine_run_for_every_coarse_one_and_no_folder_twice():
