@@ -27,12 +27,18 @@ class Failure(enum.IntFlag):
     VOID_FRACTION = 128
     TOO_FAST = 256
     WALL_COMES = 512
+    PISTON_GONE = 1024
 
 
 MEANING = {
     Failure.WALL_COMES: (
         "a wall comes where particles are: it overlaps them by more than contact.maximum_overlap",
         "change begin of the wall, or place it where no particle is at that time",
+    ),
+    Failure.PISTON_GONE: (
+        "a wall that a force holds and that the fluid sees has no fluid beside it any more",
+        "it has left the box, or pushed the fluid out: end the run before, change its force or damping, or make the box "
+        "longer",
     ),
     Failure.COURANT: (
         "the Courant number is above fluid.courant_limit with 8 fluid steps in a coupling interval",
@@ -100,6 +106,9 @@ def failures(simulation: Structure, diagnostics: Diagnostics) -> Array:
         found.append((Failure.COURANT, ~(fluid.courant <= 1.001 * simulation.fluid.courant_limit)))
         found.append((Failure.VISCOUS, ~(fluid.viscous <= VISCOUS_STABLE)))
         found.append((Failure.SOLVER, ~fluid.converged))
+        if fluid.response is not None and simulation.walls_in_fluid is not None:
+            beside = [piston.touches(fluid.response, k) for k, piston in enumerate(simulation.walls_in_fluid.pistons)]
+            found.append((Failure.PISTON_GONE, ~jnp.stack(beside).all()))
     if diagnostics.exchange is not None:
         lowest = diagnostics.exchange.void_fraction
         found.append((Failure.VOID_FRACTION, ~(lowest >= MINIMUM_VOID_FRACTION)))

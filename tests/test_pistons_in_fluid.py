@@ -8,8 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxdem import build, load_scene
+from jaxdem import build, load_scene, simulate
 from jaxdem.coupling.pistons_in_fluid import FluidOnWalls, PistonInFluid, under_load
+from jaxdem.errors import RunError
 from jaxdem.fluid import momentum_step
 from jaxdem.fluid.surface_response import SurfaceResponse
 from jaxdem.particles.moving_walls import PistonNumbers, PistonState
@@ -41,6 +42,17 @@ def test_the_added_mass_does_not_depend_on_the_number_of_fluid_steps():
     found, _, told = march(given, 4)
     assert int(told.fluid.substeps) == 4
     np.testing.assert_allclose(found[:, 1], column(0.01, 4)[:, 1], rtol=0.015)
+
+
+@pytest.mark.parametrize("force", [-20.0, 20.0])
+def test_a_piston_that_leaves_the_fluid_stops_the_run(force, tmp_path):
+    """Drawn out of the box through the left side, and pushed through it until no cell is open."""
+    given = before_column(10.0)
+    given["walls"][0]["piston"]["force"] = force
+    given["boundary"]["right"] = {"kind": "outlet", "particles": "remove"}
+    with pytest.raises(RunError, match="no fluid beside it") as caught:
+        simulate(load_scene(given), tmp_path / "run")
+    assert "walls.0" in caught.value.where and caught.value.time < 1.0
 
 
 def test_gradients_know_of_the_added_mass():

@@ -44,6 +44,8 @@ def diagnosis(
     flag = first_flag(code)
     reason, remedy = MEANING[flag]
     particles = reached.particles
+    if flag == Failure.PISTON_GONE:
+        return reason, _pistons(simulation, before), remedy
     if before.particles is None or particles is None or flag not in OF_ONE_PARTICLE:
         return reason, _cell(simulation, flag, reached), remedy
     if flag == Failure.WALL_COMES:
@@ -64,6 +66,13 @@ def diagnosis(
             if not speed > (simulation.steps.speed_limit or math.inf):
                 remedy = REMEDY_OF_A_PRESS
     return reason, where, remedy
+
+
+def _pistons(simulation: Simulation, before: State) -> str:
+    """Where the walls are that a force holds and that the fluid sees."""
+    seen = required(simulation.walls_in_fluid, "walls in the fluid").pistons
+    ways = np.asarray(required(required(before.particles, "particles").pistons, "pistons").displacement)
+    return ", ".join(f"walls.{one.wall}, {ways[one.number]:.4g} m from where the scene has it" for one in seen)
 
 
 def _buried(simulation: Simulation, parameters: Parameters, before: State) -> tuple[int, str]:
