@@ -37,8 +37,8 @@ MEANING = {
     ),
     Failure.PISTON_GONE: (
         "a wall that a force holds and that the fluid sees has no fluid beside it any more",
-        "it has left the box, or pushed the fluid out: end the run before, change its force or damping, or make the box "
-        "longer",
+        "it has left the box, or pushed the fluid out: end the run before, change its force or damping, or make the "
+        "box longer",
     ),
     Failure.COURANT: (
         "the Courant number is above fluid.courant_limit with 8 fluid steps in a coupling interval",

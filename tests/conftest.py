@@ -47,7 +47,15 @@ from jaxdem.particles.neighbor_search import listing  # noqa: E402
 from jaxdem.run import exported  # noqa: E402
 from tests.cases.worlds import runner  # noqa: E402
 
-DEAREST_FIRST = ("devices", "train", "test_start_of_parcels", "test_study", "gradients", "test_shipped_program", "test_kill")
+DEAREST_FIRST = (
+    "devices",
+    "train",
+    "test_start_of_parcels",
+    "test_study",
+    "gradients",
+    "test_shipped_program",
+    "test_kill",
+)
 """Parts of names of files with few tests that take long: with them at the end one process would work alone."""
 
 
