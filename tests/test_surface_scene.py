@@ -136,10 +136,7 @@ def test_oblique_gravity_counts_whole():
         assert found(upright)
 
 
-def test_the_force_on_a_side_and_several_devices_are_refused():
-    scene = load_scene(changed())
-    with pytest.raises(InputError, match="two fluids"):
-        jaxdem.build(scene, devices=2)
+def test_the_force_on_a_side_is_refused():
     probe = {"kind": "wall", "name": "floor", "side": "bottom"}
     with pytest.raises(InputError, match="not measured"):
         check_scene(load_scene(changed(probes=[probe])))

@@ -38,6 +38,9 @@ def entries_of(neighbors):
     return wrong
 
 
+COUNT = 120
+"""Points in a box."""
+
 BOXES = {
     "square": ((0.4, 0.3), (False, False)),
     "periodic across": ((0.4, 0.3), (True, False)),
@@ -53,7 +56,7 @@ BOXES = {
     fast={"names": ("periodic across", "slab under three cutoffs", "slab across, periodic along")},
 )  # fmt: skip
 def list_is_all_pairs(names: tuple[str, ...] = tuple(BOXES)) -> list[Figure]:
-    """Every pair within cutoff + skin stands in the list once from either side, and no other; random points.
+    """Every pair whose gap is below the skin stands in the list once from either side, and no other; random points.
 
     With separations (nearest image) and overlaps at the build as numpy has them, to the round-off of a subtraction
     of numbers up to 0.4. A corner, the opposite one, and a place beyond a periodic side are among the points.
@@ -63,15 +66,16 @@ def list_is_all_pairs(names: tuple[str, ...] = tuple(BOXES)) -> list[Figure]:
         if name not in names:
             continue
         generator = np.random.default_rng(len(name))
-        position = generator.uniform(0, 1, (90, len(box))) * np.array(box)
+        position = generator.uniform(0, 1, (COUNT, len(box))) * np.array(box)
         position[0], position[1] = 0.0, np.array(box)
         # Beyond a periodic side by a hair, as a moving particle is: never wrapped by the solver.
         position[2] = np.where(periodic, np.array(box) * 1.02, position[2])
-        sizes = np.full(90, 0.01) if number % 2 == 0 else generator.uniform(0.001, 0.01, 90)
+        sizes = np.full(COUNT, 0.01) if number % 2 == 0 else generator.uniform(0.001, 0.01, COUNT)
         scene = world(position, radius=0.01 if number % 2 == 0 else sizes, box=box, periodic=periodic)
         neighbors, largest = scene.neighbors, np.max(sizes)
         listed = listed_pairs(neighbors)
-        expected = pairs_within(position, 2 * largest * 1.2, box, periodic)
+        reach = np.add.outer(sizes, sizes) + 0.2 * 2 * largest
+        expected = pairs_within(position, reach, box, periodic)
         pairs = neighbors.pairs
         first, second = np.asarray(pairs.first), np.asarray(pairs.second)
         full = first != second
