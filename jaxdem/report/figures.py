@@ -26,7 +26,8 @@ FRONT = "Pareto front: none is both faster and better"
 
 def metrics_panels(rows: Sequence[Row]) -> list[Panel]:
     """The metrics that the runs have, over time, and what the parts of their scenes have put beside them; an unsound
-    run ends in a cross. Metrics without meaning in the box are left out; `left_out` says why.
+    run ends in a cross. Metrics without meaning in the box are left out; `left_out` says why. So are further columns
+    that have one value in all runs throughout, such as a pressure gradient that is given.
     """
     labels = {metric.name: f"{metric.label} [{metric.unit}]" for metric in METRICS}
     for name in dict.fromkeys(name for row in rows for name in row.history if is_of_a_part(name)):
@@ -50,7 +51,7 @@ def left_out(rows: Sequence[Row]) -> str:
 def _history_panel(name: str, y_label: str, rows: Sequence[Row]) -> Panel | None:
     """A column of the history; None for one that no run has."""
     shown = [(row, row.history[name]) for row in rows if _has(row.history, name)]
-    if not shown:
+    if not shown or (is_of_a_part(name) and _is_one_value([values for _, values in shown])):
         return None
     series = []
     # Noise runs lie behind the others.
@@ -67,6 +68,13 @@ def _history_panel(name: str, y_label: str, rows: Sequence[Row]) -> Panel | None
     if limits is None and "temperature" not in name:  # of which a thousandth may be what counts
         limits = steady_limits(every)
     return Panel("time [s]", y_label, series, y_limits=limits, note=note)
+
+
+def _is_one_value(columns: Sequence[Array]) -> bool:
+    """Whether all numbers in some columns are the same; empty entries do not count."""
+    numbers = np.concatenate(columns)
+    numbers = numbers[np.isfinite(numbers)]
+    return not numbers.size or bool(numbers.min() == numbers.max())
 
 
 def _has(history: dict[str, Array] | None, name: str) -> bool:

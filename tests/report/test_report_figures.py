@@ -132,12 +132,20 @@ def test_sound_runs_choose_the_axis(make: Any) -> None:
 def test_columns_of_parts_are_drawn_beside_the_metrics(make: Any) -> None:
     run = make("warm")
     count = len(run.history["time"])
-    run.history |= {"fluid_temperature_mean": np.full(count, 300.0), "present": np.arange(count, dtype=float)}
+    run.history |= {
+        "fluid_temperature_mean": np.linspace(300.0, 301.0, count),
+        "present": np.arange(count, dtype=float),
+    }
+    run.history |= {"pressure_gradient_x": np.full(count, -5.0), "pressure_gradient_z": np.full(count, np.nan)}
     rows = compared(run, make("plain")).every
     labels = [panel.y_label for panel in figures.metrics_panels(rows)]
     assert labels[-2:] == ["fluid temperature mean [K]", "present [-]"] and len(labels) == 11
     assert len(figures.metrics_panels(compared(make("plain"), make("other")).every)) == 9
     assert np.isfinite(rows[1].mean_error), "they are no metrics"
+    other = make("other")
+    other.history |= {"pressure_gradient_x": np.full(count, -6.0)}
+    labels = [panel.y_label for panel in figures.metrics_panels(compared(run, other).every)]
+    assert "pressure gradient x [Pa/m]" in labels, "given, and not the same in both"
 
 
 def test_digits_of_what_is_steady_do_not_fill_a_panel() -> None:
