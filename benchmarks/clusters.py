@@ -141,7 +141,11 @@ def rows_of(cases: list[Case], folder: Path, until: float) -> Iterator[dict[str,
 
 
 def table_of(rows: list[dict[str, Any]]) -> str:
-    """One line a run; quotients are those to all fine runs of the same mean solid fraction and grain together."""
+    """One line a run; quotients are those to all fine runs of the same mean solid fraction and grain together.
+
+    Rows may be new ones or read from a file, in which a box is a list.
+    """
+    rows = [row | {"box": tuple(row["box"])} for row in rows]
     lines = [
         "| solid fraction | cells [d] | parcels | closure | other | slip / u_t | over fine | drag / uniform "
         "| over fine | var. solids 24 d | var. grains 24 d | var. gas 24 d | cpu per relaxation time [s] |",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from benchmarks import clusters
+from benchmarks import clusters, harness
 from benchmarks import clusters_measures as measures
 from benchmarks import clusters_runs as runs
 from benchmarks.clusters_closures import parted, scaled
@@ -183,3 +184,13 @@ def test_the_end_of_a_run_is_held_out():
     assert (early.groups[4].time <= 0.85).all() and (late.groups[4].time > 0.85).all()
     assert len(early.groups[4]) + len(late.groups[4]) == 11 and len(late.groups[4]) == 2
     assert early.run != late.run
+
+
+def test_rows_of_a_file_stand_beside_new_ones_in_the_table():
+    """A box is a list in a file and a tuple in a new row; both are one box."""
+    rows = json.loads((harness.RESULTS / "clusters.json").read_text())["rows"]
+    new = [row | {"box": tuple(row["box"])} if k % 2 else row for k, row in enumerate(rows)]
+    table = clusters.table_of(rows)
+    assert clusters.table_of(new) == table
+    assert table.count("small box") == sum(row["box"] == [48, 96] for row in rows) > 0
+    assert (harness.RESULTS / "clusters.md").read_text().startswith(table)
