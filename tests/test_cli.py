@@ -520,10 +520,18 @@ def test_train_writes_a_closure_and_says_how_good_it_is(tmp_path):
     assert result.exit_code == 0, result.output
     assert "the R2 of the given closure is" in result.stdout and load_closure(smaller)[0].hidden == (4, 4)
     out = tmp_path / "bounded.h5"
-    result = invoke("train", path, *common, "--out", out, "--bounded", "--features", "solid_fraction,log1p_reynolds")
-    bounded = load_closure(out)[0]
+    chosen = ("--bounded", "--loss", "balance", "--features", "solid_fraction,log1p_reynolds")
+    result = invoke("train", path, *common, "--out", out, *chosen)
+    bounded, metadata = load_closure(out)
     assert result.exit_code == 0 and bounded.bounded and bounded.features == ("solid_fraction", "log1p_reynolds")
-    refused(invoke("train", path, "--recipe", "paper", "--bounded", "--out", out), "bounded", "filtered recipe")
+    assert metadata["settings"]["loss"] == "balance"
+    refused(invoke("train", path, "--loss", "balance", "--terms", "pressure_gradient", "--out", out), "terms", "mse")
+
+
+@pytest.mark.parametrize("option", [("--bounded",), ("--loss", "balance"), ("--terms", "x"), ("--features", "x")])
+def test_options_of_the_filtered_recipe_are_refused_with_that_of_the_paper(option, tmp_path):
+    given = ("train", tmp_path / "d.h5", "--recipe", "paper", "--out", tmp_path / "c.h5", *option)
+    refused(invoke(*given), option[0], "--recipe filtered")
 
 
 def test_train_ensembles(tmp_path):

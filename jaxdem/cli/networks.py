@@ -45,6 +45,7 @@ def train(
     terms: options.Terms = None,
     features: options.Features = None,
     bounded: options.Bounded = False,
+    loss: options.LossName = None,
     ensemble: options.Members = None,
     size: options.SizeName = None,
     quiet: options.Quiet = False,
@@ -54,7 +55,10 @@ def train(
     changes: dict[str, Any] = {
         "seed": seed, "epochs": epochs, "samples": samples, "hidden": _widths(hidden),
         "terms": _names(terms), "features": _names(features), "bounded": bounded or None,
+        "loss": None if loss is None else loss.value,
     }  # fmt: skip
+    if recipe is not options.Recipe.filtered:
+        _refuse_options_of_filtered(changes)
     prepare_file(out, *datasets)
     if recipe is options.Recipe.neighbours:
         _train_neighbours(datasets, out, {**changes, "ensemble": ensemble, "size": size}, quiet)
@@ -88,13 +92,19 @@ def _names(given: str | None) -> tuple[str, ...] | None:
     return None if given is None else tuple(given.split(","))
 
 
+def _refuse_options_of_filtered(given: dict[str, Any]) -> None:
+    for name in ("terms", "features", "bounded", "loss"):
+        if given[name] is not None:
+            limit = "belongs to --recipe filtered"
+            raise InputError(f"--{name}", given[name], limit, f"Leave out --{name}, or take that recipe.")
+
+
 def _train_neighbours(data: Sequence[Path], out: Path, given: dict[str, Any], quiet: bool) -> None:
     """Train a closure of neighbours on forces on spheres."""
     chosen = {name: value for name, value in given.items() if value is not None}
-    for name in ("terms", "features", "bounded", "ensemble"):
-        if name in chosen:
-            limit = "is of the other recipes; a closure of neighbours has its own"
-            raise InputError(f"--{name}", chosen[name], limit, f"Leave out --{name}.")
+    if "ensemble" in chosen:
+        limit = "belongs to --recipe filtered or paper"
+        raise InputError("--ensemble", chosen["ensemble"], limit, "Leave out --ensemble.")
     if len(data) != 1:
         raise InputError("DATA", list(map(str, data)), "must be one file", "Put all groups into one file.")
     start_jax()

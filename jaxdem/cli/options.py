@@ -45,6 +45,13 @@ class Recipe(StrEnum):
     neighbours = "neighbours"
 
 
+class Loss(StrEnum):
+    """What the filtered recipe minimises; see `jaxdem.train.fit.fit_filtered`."""
+
+    mse = "mse"
+    balance = "balance"
+
+
 class Size(StrEnum):
     """How large a closure of neighbours is; names of `jaxdem.train.neighbors.SIZES`."""
 
@@ -244,6 +251,12 @@ Features = Annotated[
 ]
 Bounded = Annotated[
     bool, Option("--bounded", help="The factor on the base law is at most one.", rich_help_panel=FILTERED)
+]
+LossName = Annotated[
+    Loss | None,
+    Option(
+        "--loss", help="Fit single forces by squares (mse), or mean forces (balance). [mse]", rich_help_panel=FILTERED
+    ),
 ]
 Members = Annotated[
     int | None,

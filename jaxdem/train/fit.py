@@ -90,7 +90,8 @@ def fit_filtered(
         progress: progress(epoch, epochs, loss), called about a hundred times.
 
     Raises:
-        InputError: datasets that do not fit together or cannot be split, or a coarsening that is not there.
+        InputError: datasets that do not fit together or cannot be split, or a coarsening that is not there; with the
+            loss "balance" terms, or a run without a mean slip.
         RunError: the loss becomes non-finite.
     """
     return _fit_one(filtered_problem, datasets, settings or FitSettings.filtered(), progress)

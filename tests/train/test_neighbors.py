@@ -140,9 +140,9 @@ def refused(result, *words):
 
 def test_options_of_other_recipes_are_refused(data, tmp_path):
     train = ["train", str(data), "--out", str(tmp_path / "out.h5"), "--recipe"]
-    for option, value in (("terms", "pressure_gradient"), ("ensemble", "3")):
+    for option, value in (("terms", "pressure_gradient"), ("loss", "balance"), ("ensemble", "3")):
         result = CliRunner().invoke(app, [*train, "neighbours", f"--{option}", value])
-        refused(result, f"--{option}", "other recipes")
+        refused(result, f"--{option}", "--recipe filtered")
     refused(CliRunner().invoke(app, [*train, "filtered", "--size", "small"]), "--size", "neighbours")
     refused(CliRunner().invoke(app, [*train, "neighbours", str(data)]), "must be one file")
     text = tmp_path / "text.h5"
