@@ -148,6 +148,8 @@ def processes_that_pay(
     """
     if jax.default_backend() != "cpu" or cost.contacts < max(LONG, cost.fluid):
         return None
+    if not hasattr(os, "sched_setaffinity"):  # with which processes are bound to cores
+        return None
     number, report = len(os.sched_getaffinity(0)), None
     while number > 1 and report is None:
         try:
