@@ -107,7 +107,7 @@ def failures(simulation: Structure, diagnostics: Diagnostics) -> Array:
         found.append((Failure.VISCOUS, ~(fluid.viscous <= VISCOUS_STABLE)))
         found.append((Failure.SOLVER, ~fluid.converged))
         if fluid.response is not None and simulation.walls_in_fluid is not None:
-            beside = [piston.touches(fluid.response, k) for k, piston in enumerate(simulation.walls_in_fluid.pistons)]
+            beside = [piston.touches(fluid.response) for piston in simulation.walls_in_fluid.pistons]
             found.append((Failure.PISTON_GONE, ~jnp.stack(beside).all()))
     if diagnostics.exchange is not None:
         lowest = diagnostics.exchange.void_fraction

@@ -11,6 +11,7 @@ import pytest
 from jaxdem import build, load_scene, simulate
 from jaxdem.coupling.pistons_in_fluid import FluidOnWalls, PistonInFluid, under_load
 from jaxdem.errors import RunError
+from jaxdem.failures import failures
 from jaxdem.fluid import momentum_step
 from jaxdem.fluid.surface_response import SurfaceResponse
 from jaxdem.particles.moving_walls import PistonNumbers, PistonState
@@ -55,13 +56,26 @@ def test_a_piston_that_leaves_the_fluid_stops_the_run(force, tmp_path):
     assert "walls.0" in caught.value.where and caught.value.time < 1.0
 
 
+def test_a_smooth_lid_that_moves_along_itself_has_fluid_beside_it():
+    """Its speed makes no load, and it has not left the fluid."""
+    lid = {"kind": "plane", "point": [0.0, 0.09], "normal": [0.0, -1.0], "fluid": "free_slip"}
+    lid["piston"] = {"direction": [1.0, 0.0], "force": 0.1, "mass": 0.01}
+    sides = {"left": {"kind": "periodic"}, "right": {"kind": "periodic"}}
+    grain = {"position": [[0.02, 0.02]], "radius": 0.0005}
+    given = scene_of(lid, [0.04, 0.1], [4, 10], boundary=sides, particles=grain)
+    found, _, told = march(given, 2)
+    np.testing.assert_allclose(found[:, 1], 0.1 / 0.01 * STEP * np.arange(1, 3), rtol=1e-12)
+    assert not np.any(told.fluid.response.pressure) and not np.any(told.fluid.response.friction)
+    assert int(failures(build(load_scene(given))[0], told)) == 0
+
+
 def test_gradients_know_of_the_added_mass():
     """Of the acceleration (F + L + M' a)/(m + M') by the response of the fluid, against differences."""
     piston, numbers = PistonInFluid(0, 0, (0,), (1.0, 0.0)), PistonNumbers(*map(jnp.asarray, (2.0, 0.3, 0.0)))
     state = PistonState(jnp.zeros(1), None, jnp.asarray([0.02]), jnp.asarray([0.01]))
 
     def acceleration(response):
-        fluid = SurfaceResponse(-response * jnp.ones((1, 1, 2)), jnp.zeros((1, 2)))
+        fluid = SurfaceResponse(-response * jnp.ones((1, 1, 2)), jnp.zeros((1, 2)), jnp.ones((1, 2)))
         on_walls = FluidOnWalls(jnp.asarray([[-1.0, 0.0]]), fluid, jnp.asarray(DENSITY))
         (own,), _ = under_load((piston,), (numbers,), state, on_walls, jnp.asarray([0.5, 0.0]), jnp.asarray(STEP))
         return own.force / own.mass

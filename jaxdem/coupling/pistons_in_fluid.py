@@ -47,10 +47,9 @@ class PistonInFluid:
     direction: tuple[float, ...]
     displaced: float = 0.0
 
-    def touches(self, response: SurfaceResponse, row: int) -> Array:
-        """() bool, whether there is fluid beside it: whether its speed makes any load; `row` is that of the piston."""
-        rows = jnp.asarray(self.surfaces)
-        return jnp.any(response.pressure[row] != 0.0) | jnp.any(response.friction[rows] != 0.0)
+    def touches(self, response: SurfaceResponse) -> Array:
+        """() bool, whether there is fluid beside it."""
+        return jnp.any(response.area[jnp.asarray(self.surfaces)] > 0.0)
 
 
 class FluidOnWalls(NamedTuple):

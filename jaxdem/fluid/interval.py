@@ -186,7 +186,7 @@ class FluidInterval:
         response = None
         if pistons is not None:
             blank = jnp.zeros((count, size), dtype)
-            response = SurfaceResponse(jnp.stack([blank] * len(pistons)), blank)
+            response = SurfaceResponse(jnp.stack([blank] * len(pistons)), blank, blank)
         return StepSums(load, gradient, on_surfaces, flux, response)
 
     def choose(self, properties: FluidProperties, state: FluidState, time: Array) -> Substeps:

@@ -25,10 +25,12 @@ class SurfaceResponse(NamedTuple):
         pressure: (H, S, D) on every surface, when each of H pistons changes its speed along its direction [N s/m].
         friction: (S, D) on every surface, along each axis, when it changes its speed along this axis and the fluid
             beside it does not yet follow: the largest that it can be [N s/m].
+        area: (S, D) of every surface that fluid touches, sizes of the components across the axes summed [m2].
     """
 
     pressure: Array
     friction: Array
+    area: Array
 
 
 def surface_response(
@@ -55,10 +57,12 @@ def surface_response(
     by_friction = surface_loads(grid, cut, SurfaceShares(held, cells), count)[:, :, 0]
     units: Sequence[Array] = cut.unit_swept or ()
     found, cut = [], cut._replace(spin=None)
+    wet = tuple(map(jnp.abs, stress_on_cuts(grid, cut, jnp.ones((), dtype), jnp.zeros((), dtype))))
+    area = surface_loads(grid, cut, SurfaceShares(still, wet), count)[:, :, 0]
     for unit in units:
         source = cut._replace(swept=unit).growth(grid, 0.0, not boundary.has_outlet)
         tolerance = TOLERANCE * box_largest(grid, jnp.abs(source)) + jnp.finfo(dtype).tiny
         pressure, _ = solve_pressure(grid, boundary, coefficient, source, tolerance, cut.open_cells > 0.0)
         on_cells = stress_on_cuts(grid, cut, pressure, jnp.zeros((), dtype))
         found.append(surface_loads(grid, cut, SurfaceShares(still, on_cells), count)[:, :, 0])
-    return SurfaceResponse(jnp.stack(found), by_friction)
+    return SurfaceResponse(jnp.stack(found), by_friction, area)
