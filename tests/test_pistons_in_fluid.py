@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxdem import build, load_scene, simulate
+from jaxdem import build, initial_state, load_scene, simulate
 from jaxdem.coupling.pistons_in_fluid import FluidOnWalls, PistonInFluid, under_load
 from jaxdem.errors import RunError
 from jaxdem.failures import failures
@@ -106,6 +106,18 @@ def test_a_body_floats_by_the_water_that_it_displaces():
     rising, _, _ = march(body(mass), 6)
     expected = (DENSITY * displaced - mass) * 10.0 / (mass + added) * STEP
     np.testing.assert_allclose(rising[:, 1], expected * np.arange(1, 7), rtol=0.05)
+
+
+def test_grains_settle_beside_a_piston():
+    """Before the run, without the fluid: the piston waits where the scene has it."""
+    given = before_column(0.01)
+    given["domain"]["gravity"], given["contact"] = [0.0, -10.0], {"young_modulus": 1e6, "speed": 2.0}
+    pack = {"kind": "settled", "start": [0.1, 0.0], "stop": [0.3, 0.05], "count": 3}
+    given["particles"] = {"radius": 0.004, "density": 2500.0, "pack": pack}
+    scene = load_scene(given)
+    state, _ = initial_state(scene, *build(scene))
+    np.testing.assert_allclose(state.particles.position[:, 1], 0.004, rtol=0.05)
+    assert float(state.particles.pistons.displacement[0]) == 0.0
 
 
 def test_what_is_refused():

@@ -103,7 +103,7 @@ def _without_fluid(particles: ParticleSetup, simulation: Simulation) -> Simulati
         pistons=(),
     )
     contact = dataclasses.replace(contact, model=model)
-    without = dict.fromkeys(("fluid", "coupling", "population", "scalars"))
+    without = dict.fromkeys(("fluid", "coupling", "population", "scalars", "walls_in_fluid"))
     return Simulation(**parts | without | {"contact": contact})
 
 
