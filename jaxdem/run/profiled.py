@@ -14,8 +14,10 @@ from jax import Array
 from jaxdem.devices import DividedSimulation
 from jaxdem.devices.mesh import DIAGNOSTICS, SAME, SLABS, STATE, empty_in_slabs, on_slabs, put
 from jaxdem.devices.parameters import spread
+from jaxdem.errors import required
 from jaxdem.failures import failures
 from jaxdem.fluid.interval import FluidDiagnostics
+from jaxdem.particles.moving_walls import PistonNumbers, PistonState
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.probes.base import Interval
 from jaxdem.run.chunk import Chunk, Records, identity_of, probed_in_slabs, records_of
@@ -43,11 +45,10 @@ class ProfiledProgram:
     ) -> None:
         self._mesh = simulation.mesh if isinstance(simulation, DividedSimulation) else None
         self._timed, own = timed, simulation.of_slab() if isinstance(simulation, DividedSimulation) else simulation
-        self._own = own
         keeps_flux = own.fluid is not None and own.fluid.solver.keeps_flux
         report: Any = SAME
         if keeps_flux:
-            report = FluidDiagnostics(*(SAME,) * len(FluidDiagnostics._fields))._replace(flux=SLABS)
+            report = FluidDiagnostics(*(SAME,) * len(FluidDiagnostics._fields))._replace(flux=SLABS, heat=SLABS)
         flow: Any = FlowOfInterval(SLABS, SLABS, report)
         self._placed = simulation.on_devices if isinstance(simulation, DividedSimulation) else _as_they_are
         parameters = self._placed(parameters)
@@ -60,6 +61,8 @@ class ProfiledProgram:
         self._particles = particles.lower(parameters, state, neighbors, forces, state.scalars).compile()
         self._scalars = self._part(partial(advance_scalars, own), (numbers, STATE, SLABS, flow), (SLABS, SAME))
         self._carries_scalars = own.scalars is not None
+        self._loads_pistons = own.walls_in_fluid is not None and bool(own.walls_in_fluid.pistons)
+        self._loaded = self._part(partial(_loaded_pistons, own), (numbers, STATE, report), (SAME, SLABS))
         self._closed = self._part(partial(_closed, own), (DIAGNOSTICS, SAME), (SAME, SAME, SAME))
         given: Any = (numbers, SAME, Interval(STATE, STATE, SLABS, DIAGNOSTICS))
         self._probe = self._part(partial(_seen, own), given, probed_in_slabs(watch))
@@ -82,7 +85,11 @@ class ProfiledProgram:
         with self._timed("particle_part"):
             if self._carries_scalars:
                 scalars, of_fluid = self._scalars(parameters, state, neighbors, flow)
-            loaded, held = self._own.with_loaded_pistons(parameters, state, of_fluid)
+            loaded, held = parameters, state
+            if self._loads_pistons:
+                given, pistons = self._loaded(parameters, state, of_fluid)
+                particles = required(state.particles, "particles")._replace(pistons=pistons)
+                loaded, held = parameters._replace(pistons=given), state._replace(particles=particles)
             moved = jax.block_until_ready(self._particles(loaded, held, neighbors, forces, scalars))
             particles, neighbors, of_particles, places, scalars = moved
         diagnostics = Diagnostics(of_particles, of_fluid, of_exchange, forces, places)
@@ -97,6 +104,14 @@ class ProfiledProgram:
 
 def _as_they_are(parameters: Parameters) -> Parameters:
     return parameters
+
+
+def _loaded_pistons(
+    simulation: Simulation, parameters: Parameters, state: State, report: FluidDiagnostics
+) -> tuple[tuple[PistonNumbers, ...], PistonState | None]:
+    """Numbers and state of the pistons with what the fluid does to them."""
+    loaded, held = simulation.with_loaded_pistons(parameters, state, report)
+    return loaded.pistons, required(held.particles, "particles").pistons
 
 
 def _closed(simulation: Simulation, diagnostics: Diagnostics, step: Array) -> tuple[Records, Array, Array]:

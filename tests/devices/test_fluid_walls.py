@@ -10,6 +10,7 @@ import jaxdem
 from jaxdem import InputError, devices
 from jaxdem.setup.builder import build_case
 from tests.cases.fluid_slabs import compared, fluid_scene
+from tests.cases.pistons_in_fluid import STEP, before_column, march
 from tests.cases.slabs_beside_walls import CYLINDER, JET, SCENES
 
 
@@ -114,3 +115,11 @@ def test_a_run_beside_warm_walls_goes_on_as_on_one_device(tmp_path):
     assert np.abs(first.pressure_change).max() > 0.0
     size = np.abs(first.pressure).max()
     np.testing.assert_allclose(second.pressure_change, first.pressure_change, rtol=0, atol=1e-10 * size)
+
+
+def test_a_profiled_run_in_slabs_moves_a_piston_as_on_one_device(tmp_path):
+    """What the fluid does to it has a program of its own there."""
+    given = before_column(0.01) | {"time": {"end": 3 * STEP, "output_interval": STEP}}
+    found = jaxdem.simulate(jaxdem.load_scene(given), tmp_path / "run", devices=2, profile=True)
+    ways = march(given, 3)[0][:, 0]
+    np.testing.assert_allclose(found.history["wall_0_displacement"][1:], ways, rtol=1e-9)
