@@ -137,7 +137,7 @@ class Weights(NamedTuple):
             interpolation; between surfaces a diffusion; None for none [-].
         halo: static; None for a box on one device.
         along_axes: of a kernel, cells and weights along every axis, (N, R) each, whose products these are in the order
-            of `itertools.product`; None for others.
+            of `itertools.product`, before surfaces leave open parts of cells; None for others.
     """
 
     index: Array  # type: ignore[assignment]

@@ -16,7 +16,13 @@ def present_weights(weights: Weights, active: Array | None) -> Weights:
         weights: of all N particles.
         active: (N,) bool; None where all are present.
     """
-    return weights if active is None else weights._replace(weight=weights.weight * active[:, None])
+    if active is None:
+        return weights
+    along_axes = weights.along_axes
+    if along_axes is not None:
+        (cells, weight), *others = along_axes
+        along_axes = ((cells, weight * active[:, None]), *others)
+    return weights._replace(weight=weights.weight * active[:, None], along_axes=along_axes)
 
 
 def present_drag(drag: Drag, active: Array | None) -> Drag:

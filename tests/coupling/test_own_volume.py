@@ -9,6 +9,7 @@ from scipy.spatial import KDTree
 import jaxdem
 from jaxdem.coupling.interpolation import deposit, interpolate, kernel_weights
 from jaxdem.coupling.own_volume import scatter_of_discs, scatter_of_spheres
+from jaxdem.coupling.presence import present_weights
 from jaxdem.coupling.self_disturbance import own_solid_fraction
 from jaxdem.fluid.grid import Grid
 
@@ -104,6 +105,9 @@ def test_the_own_part_is_what_a_lone_particle_sees():
         alone = weights._replace(index=weights.index[k : k + 1], weight=weights.weight[k : k + 1])
         solids = deposit(grid, alone, jnp.asarray([volume])) / grid.cell_volume
         assert part == pytest.approx(float(interpolate(alone, (solids,))[0, 0]), rel=1e-12)
+    there = np.arange(20) > 9  # those that are not present see nothing, of themselves neither
+    some = own_solid_fraction(grid, present_weights(weights, jnp.asarray(there)), jnp.asarray(volume))
+    np.testing.assert_array_equal(some, np.where(there, own, 0.0))
 
 
 @pytest.mark.parametrize("kind", ["divided", "diffusion"])
