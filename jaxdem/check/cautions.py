@@ -81,9 +81,9 @@ def _sizes(scene: Scene, smallest: float, largest: float, cost: RunCost) -> Iter
         key = "particles.radius" if scene.particles is None else radius_key(scene.particles)
         yield (
             f"{key}: diameters range from {smallest:.3g} to {largest:.3g} m (1 : {ratio:.3g}). The "
-            f"neighbour list of every grain has the reach of the largest one and up to {cost.slots} entries. A "
-            f"contact step costs about {cost.over_equal:.2g} times as much as with equal grains. Use sizes that "
-            f"differ less, or a wall in place of the largest grains."
+            f"neighbour list has up to {cost.slots} entries of a grain. A contact step costs about "
+            f"{cost.over_equal:.2g} times as much as with equal grains. Use sizes that differ less, or a wall in place "
+            f"of the largest grains."
         )
     if scene.fluid is not None and scene.coupling is not None and ratio > UNEQUAL and not scene.coupling.polydisperse:
         law = "the closure" if scene.closure.file is not None else f"coupling.drag = {scene.coupling.drag!r}"

@@ -11,7 +11,7 @@ import jax
 import numpy as np
 
 from jaxdem.check.run_cost import CPU, GPU, RunCost, run_cost
-from jaxdem.check.walls_in_fluid import OF_BODIES, OF_CELLS, sent_for_walls
+from jaxdem.check.walls_in_fluid import OF_BODIES, OF_CELLS, bytes_of, sent_for_walls
 from jaxdem.devices.bonds import require_in_reach
 from jaxdem.devices.cut import slabs_of
 from jaxdem.devices.rooms import SlabRoom, equal_planes, listed_spheres, needed_room, slab_of
@@ -90,9 +90,11 @@ def check_devices(
     Raises:
         InputError: something in the scene does not work on several devices, or no axis can be cut so often.
     """
-    if case.simulation.contact is not None and case.simulation.search.levels is not None and neighbors is not None:
+    listed = neighbors
+    if neighbors is not None and case.simulation.search.members == 1 and neighbors.radius.ndim:
         case = dataclasses.replace(case, simulation=case.simulation.without_levels())
-        neighbors = _one_table(case, required(state.particles, "state.particles"))
+        listed = _list_of_slabs(case, required(state.particles, "state.particles"))
+        memory = {**memory, "neighbour list": bytes_of(listed.without_surfaces())}
     simulation = case.simulation
     position = None if case.particles is None else case.particles.position
     blocks = slabs_of(simulation, number, position)
@@ -100,7 +102,7 @@ def check_devices(
     if simulation.fluid is not None:
         cells = math.prod(simulation.fluid.solver.grid.cells) // number
     of_fluid = _pressure_bytes(case, blocks), sent_for_walls(case, blocks, state)
-    if state.particles is None or neighbors is None:
+    if state.particles is None or neighbors is None or listed is None:
         each = _memory(case, memory, 0.0, number)
         return DeviceReport(number, blocks.axis, (), (), cells, (0, *of_fluid), each, 1.0, None, None)
     counts, ghosts, room = _spread(case, blocks, state)
@@ -115,8 +117,9 @@ def check_devices(
     values = 3 * dimension + state.particles.angular_velocity[0].size + low + turned
     sent = 2 * (room.ghosts * values * item + 4)
     rows = (room.rows + 2 * room.ghosts) / max(len(state.particles.position), 1)
+    lists, most = (neighbors, listed), max(ghosts)  # lists on one device, and in slabs
     times = {
-        devices: _step_time(case, neighbors, sent, max(ghosts), devices, _fullest(case, blocks, state, devices))
+        devices: _step_time(case, lists[devices > 1], sent, most, devices, _fullest(case, blocks, state, devices))
         for devices in (1, number, *(2**k for k in range(int(math.log2(MOST)) + 1)))
     }
     widest = simulation.box[blocks.axis] / (NARROWEST * simulation.search.body_reach)
@@ -163,9 +166,12 @@ def processes_that_pay(
     return report
 
 
-def _one_table(case: Case, particles: ParticleState) -> Neighbors:
-    """Shapes of the list on one device without levels of size."""
-    room = case.simulation.room(case.parameters, particles)
+def _list_of_slabs(case: Case, particles: ParticleState) -> Neighbors:
+    """Shapes of the list on one device with the pairs that slabs have: all that the largest grains would have in
+    reach."""
+    spheres = listed_spheres(case.simulation, case.parameters, particles)
+    wide = case.simulation.search.room(spheres.position, spheres.active)
+    room = dataclasses.replace(wide, mesh=case.simulation.room(case.parameters, particles).mesh)
     return case.simulation.list_shapes(case.parameters, particles, room)
 
 
@@ -237,7 +243,7 @@ def _pressure_bytes(case: Case, blocks: Blocks) -> int:
     slab = cells // blocks.number
     if isinstance(fluid.solver, TwoFluidSolver):
         finer = 2 ** (fluid.solver.grid.dimension - 1)  # cells of a layer over those of the next level's
-        return item * (2 * layer * (1 + (2 * STEPS + 1) * finer // (finer - 1)) + FEW)
+        return item * (2 * layer * (1 + 2 * STEPS * finer // (finer - 1)) + FEW)
     return item * (2 * layer + 2 * slab * (blocks.number - 1) // blocks.number)
 
 

@@ -12,6 +12,10 @@ from jaxdem.check.walls_in_fluid import sent_by
 from jaxdem.cli.check_table import _devices as render_devices
 from jaxdem.cli.check_table import render
 from jaxdem.errors import InputError
+from jaxdem.fluid.boundary import Boundary, Side
+from jaxdem.fluid.mesh import Grid
+from jaxdem.fluid.multigrid import STEPS, multigrid
+from jaxdem.numerics.blocks import Blocks
 from tests.cases.fluid_slabs import fluid_scene
 from tests.cases.slabs_beside_walls import CYLINDER, SLIDING
 
@@ -94,6 +98,34 @@ def test_messages_of_a_program_are_added_up():
     mesh = AbstractMesh((2,), ("blocks",))
     program = jax.shard_map(program, mesh=mesh, in_specs=PartitionSpec(), out_specs=PartitionSpec(), check_vma=False)
     assert sent_by(jax.make_jaxpr(program)(np.zeros(5)).jaxpr) == 8 * (3 * 5 + 2)
+
+
+def test_a_multigrid_cycle_sends_four_layers_a_level():
+    """Each way, of the two levels that are in slabs: 32 and 16 cells across."""
+    grid, slabs = Grid((64, 32), (6.4, 3.2), 1.0, (True, False)), Blocks(4, 0, True)
+    sides = Boundary(tuple(Side(n // 2, n % 2 == 1, k) for n, k in enumerate(["periodic"] * 2 + ["no_slip", "outlet"])))
+    own = grid.in_blocks(slabs)
+    given = [np.ones(own.face_shape(axis)) for axis in range(2)], np.ones(own.cells)
+    mesh = AbstractMesh((4,), ("blocks",))
+    program = jax.shard_map(
+        lambda c, r: multigrid(own, sides, tuple(c))(r),
+        mesh=mesh, in_specs=PartitionSpec(), out_specs=PartitionSpec(), check_vma=False,
+    )  # fmt: skip
+    assert sent_by(jax.make_jaxpr(program)(*given).jaxpr) == 2 * STEPS * 2 * (32 + 16) * 8
+
+
+def test_lists_in_slabs_reach_as_far_as_the_largest_grain():
+    """So one large grain makes two devices slower than one, which has a list by levels of size, and takes memory."""
+
+    def checked(radius):
+        lattice = {"kind": "lattice", "start": [0, 0, 0], "stop": [1.4, 0.1, 0.1], "spacing": 0.02 / 0.0198}
+        one = {"kind": "lattice", "start": [1.4, 0, 0], "stop": [1.5, 0.1, 0.1], "count": 1, "radius": radius}
+        packs = [lattice | {"count": 70 * 25, "radius": 0.0099}, one]
+        return check_scene(scene_of(particles={"density": 2500.0, "pack": packs}), devices=2).devices
+
+    equal, with_large = checked(0.0099), checked(0.045)
+    assert with_large.shorter < 0.5 * equal.shorter and with_large.useful == 1
+    assert with_large.memory > 3 * equal.memory
 
 
 def test_walls_in_the_fluid_count():
