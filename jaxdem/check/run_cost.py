@@ -45,7 +45,7 @@ class Costs:
     basis: str
 
 
-TWO_FLUIDS = 2.5
+TWO_FLUIDS = 1.9
 """A fluid step with two fluids over one with one fluid, on a processor: `benchmarks/surface.py`."""
 
 CPU = Costs(

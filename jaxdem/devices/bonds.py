@@ -81,7 +81,7 @@ def _record(bonds: BondState, number: int, changes: bool) -> BondRecord:
 
 
 def bonds_of_slabs(bonds: BondState, identity: np.ndarray, there: np.ndarray, count: int) -> BondState:
-    """The bonds of the whole box, arrays of NumPy, in the order of their grains.
+    """The bonds of the whole box, arrays of NumPy, in the order that they had.
 
     Args:
         bonds: (B, ...) of the slabs.

@@ -16,7 +16,8 @@ LEVEL_RATIO = 2.0
 """Largest over smallest diameter within a level."""
 
 LEVELS_PAY = 1.5
-"""Levels are used where a dense pack would have so many times the pairs of equal grains in one list without them."""
+"""Levels are used where a list of a dense pack that reaches as far as the largest grain would have so many times the
+pairs of equal grains."""
 
 
 def pairs_over_equal(radius: np.ndarray, dimension: int) -> float:
