@@ -64,6 +64,7 @@ def simulate_alone(scene: Scene, out: str | Path, options: RunOptions, **extensi
         if here().first:
             keep_walls(case, directory.path)
         loop = TimeLoop(case, directory, state, neighbors, every, options.profile, placement=placement)
+        del state, neighbors  # the loop has another one soon, and this one is of the whole box
         if directory.has_checkpoint:
             loop.restore()
         else:
