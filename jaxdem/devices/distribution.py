@@ -14,6 +14,7 @@ import numpy as np
 from jaxdem.devices.bonds import bonds_in_slabs, require_in_reach
 from jaxdem.devices.contacts import Contacts, contacts_of_list, history_tables
 from jaxdem.devices.gathering import gathered
+from jaxdem.devices.meeting import meet
 from jaxdem.devices.mesh import SAME, SLABS, on_host, on_slabs, put
 from jaxdem.devices.particle_fields import KEPT, of_each
 from jaxdem.devices.rooms import SlabRoom, Spheres, equal_planes, listed_spheres, needed_room, slab_of
@@ -103,8 +104,12 @@ def _particles(
         rows_of_all = rows_of_all._replace(bonds=bonds_in_slabs(particles.bonds, table, changes))
     given = (rows_of_all, _no_ghosts(planes.astype(dtype), table, room, search.members), history, memory)
     rows, ghosts, history, memory = put(mesh, given)
-    listing, everywhere = _first_list(simulation, room.listed), put(mesh, (parameters.bodies, meshes), SAME)
-    springs, memory, bonds, new = listing(*everywhere, rows, ghosts, history, memory)
+    listing: Any = _first_list(simulation, room.listed)
+    placed = (*put(mesh, (parameters.bodies, meshes), SAME), rows, ghosts, history, memory)
+    if jax.process_count() > 1:  # what was done on the host, and compiling, takes them unequal times
+        listing = listing.lower(*placed).compile()
+        meet()
+    springs, memory, bonds, new = listing(*placed)
     return rows._replace(contact_spring=springs, mesh_memory=memory, bonds=bonds), new
 
 

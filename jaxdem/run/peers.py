@@ -1,8 +1,7 @@
 """The processes of one run: joining them, meeting, agreeing, and what each tells the first one.
 
 `jax.distributed` has a coordination service in the first process. Meetings and messages go through it and not through
-collectives, whose participants give each other up after 30 s: processes that compile or write for unequal times would
-end (https://github.com/jax-ml/jax/issues/40831).
+collectives; `devices.meeting` says why.
 """
 
 from __future__ import annotations
@@ -17,6 +16,7 @@ from typing import Any
 
 import jax
 
+from jaxdem.devices.meeting import LONGEST_WAIT, coordination_client
 from jaxdem.errors import JaxdemError
 from jaxdem.io.pieces import Share
 
@@ -25,9 +25,6 @@ HEARTBEAT = 30
 
 LAUNCH_WAIT, CLUSTER_WAIT = 60, 300
 """Longest time for all processes to appear, on one machine and on a cluster [s]."""
-
-LONGEST_WAIT = 24 * 3600.0
-"""For each other, while compiling and writing [s]: the heartbeat ends a wait for one that is gone."""
 
 FAREWELL = 5.0
 """At the end of a run that failed: longer nobody waits for the others [s]."""
@@ -71,7 +68,7 @@ class Peers:
             return
         self._barriers += 1
         try:
-            _client().wait_at_barrier(f"jaxdem/barrier/{self._barriers}", int(1000 * longest))
+            coordination_client().wait_at_barrier(f"jaxdem/barrier/{self._barriers}", int(1000 * longest))
         except jax.errors.JaxRuntimeError as error:
             raise peer_lost(error) from None
 
@@ -84,7 +81,7 @@ class Peers:
         if self.number == 1:
             return [int(value) for value in values]
         before, place = (f"jaxdem/numbers/{self._barriers + k}/" for k in (0, 1))
-        client = _client()
+        client = coordination_client()
         try:
             client.key_value_set(f"{place}{self.index}", " ".join(str(int(value)) for value in values))
             self.barrier()
@@ -116,12 +113,12 @@ class Peers:
     def report(self, message: str) -> None:
         """A message of this process for the first one, which shows it."""
         with contextlib.suppress(jax.errors.JaxRuntimeError, RuntimeError):
-            _client().key_value_set(f"{FAILED}{self.index}", message)
+            coordination_client().key_value_set(f"{FAILED}{self.index}", message)
 
     def reported(self) -> str | None:
         """Message of the lowest process that has reported one; None as long as none has, or if that cannot be told."""
         try:
-            told = sorted(_client().key_value_dir_get(FAILED))
+            told = sorted(coordination_client().key_value_dir_get(FAILED))
         except (jax.errors.JaxRuntimeError, RuntimeError):
             return None
         return str(told[0][1]) if told else None
@@ -139,7 +136,7 @@ class Peers:
     def part(self) -> None:
         """Before an end with an error: the first process, whose end is the end of all, goes last."""
         with contextlib.suppress(jax.errors.JaxRuntimeError, RuntimeError):
-            _client().wait_at_barrier("jaxdem/end", int(1000 * FAREWELL))
+            coordination_client().wait_at_barrier("jaxdem/end", int(1000 * FAREWELL))
 
 
 _joined: list[Peers] = []
@@ -200,13 +197,3 @@ def peer_lost(error: BaseException) -> PeerLost:
     """What JAX says where another process is gone, in a sentence."""
     reason = (str(error).splitlines() or ["no reason given"])[0]
     return PeerLost(f"Another process of the run ended or cannot be reached ({reason[:200]}).")
-
-
-def _client() -> Any:
-    """Of the coordination service. JAX has no public name for it."""
-    from jax._src import distributed
-
-    client = distributed.global_state.client
-    if client is None:
-        raise RuntimeError("jax.distributed is not initialized")
-    return client
