@@ -36,9 +36,9 @@ MEANING = {
         "change begin of the wall, or place it where no particle is at that time",
     ),
     Failure.PISTON_GONE: (
-        "a wall that a force holds and that the fluid sees has no fluid beside it any more",
-        "it has left the box, or pushed the fluid out: end the run before, change its force or damping, or make the "
-        "box longer",
+        "a wall that a force holds and that the fluid sees has no fluid beside it",
+        "it is outside of the box, or has pushed the fluid out: place it inside, end the run before, change its force "
+        "or damping, or make the box longer",
     ),
     Failure.COURANT: (
         "the Courant number is above fluid.courant_limit with 8 fluid steps in a coupling interval",
