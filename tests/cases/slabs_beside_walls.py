@@ -44,9 +44,19 @@ def beside_grains(boundary: dict[str, Any], wall: dict[str, Any], **coupling: An
 
 
 PLATE = {"kind": "mesh", "closed": True, "fluid": "free_slip"} | {
-    "points": [[0.13, 0.12], [0.25, 0.12], [0.25, 0.18], [0.13, 0.18]]
+    "points": [[0.17, 0.08], [0.25, 0.08], [0.25, 0.12], [0.17, 0.12]]
 }
 """Little thicker than a cell, on the plane between two slabs: closed faces there have open ones on either side."""
+
+
+def piston_and_plate() -> dict[str, Any]:
+    """A piston that pushes a column of water with grains in it, some of them within a kernel of a plate."""
+    tables = before_column(0.5, cells=12)
+    tables["walls"] = [*tables["walls"], PLATE]
+    tables["particles"]["position"] = [[0.3, 0.1], [0.21, 0.128], [0.21, 0.072], [0.26, 0.1], [0.16, 0.11], [0.3, 0.16]]
+    tables["coupling"] = tables["coupling"] | {"void_fraction": "diffusion"}
+    return tables
+
 
 SCENES: dict[str, dict[str, Any]] = {
     "jet": fluid_scene([8, 6], JET, advection="central") | {"walls": [CYLINDER]},
@@ -68,7 +78,6 @@ SCENES: dict[str, dict[str, Any]] = {
         ]
     },
     "grains": beside_grains(ALONG_X, body((0.19, 0.14), 0.06, motion=RISING, temperature=50.0)) | {"heat": HEAT},
-    "grains, diffusion": beside_grains(JET, PLATE, void_fraction="diffusion"),
-    "piston": before_column(0.5, cells=12),
+    "piston, diffusion": piston_and_plate(),
 }
 """Walls that stick, slip, turn, move, vanish and are pushed, all kinds of sides, an eddy viscosity, grains."""

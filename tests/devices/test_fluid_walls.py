@@ -22,8 +22,7 @@ from tests.cases.slabs_beside_walls import CYLINDER, JET, SCENES
         ("jet, 3-D", 2, 2),
         ("moving", 2, 0),
         ("grains", 2, 0),
-        ("grains, diffusion", 2, 1),
-        ("piston", 2, 1),
+        ("piston, diffusion", 2, 1),
     ],
 )
 def test_flow_and_loads_are_those_of_one_device(name, number, axis):
