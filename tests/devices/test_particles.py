@@ -1,11 +1,11 @@
-"""Particles in slabs against one device: forces, contacts, who comes and goes, room, gradients, what is sent."""
+"""Particles in slabs against one device: forces, contacts, room, what is sent. Walls that move are in test_meshes.py
+and test_probes.py, the gradient in test_fluid.py, who comes and goes in test_random_scenes.py."""
 
 import dataclasses
 import functools
 import re
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -143,34 +143,6 @@ def test_liquid_bridges_across_a_border():
     assert abs(held - first) < 1e-13 * first
 
 
-def test_walls_that_move_and_a_wall_held_by_a_force():
-    """A floor that shakes, and a piston on which grains of both slabs press."""
-    shaken = {
-        "kind": "plane", "point": [0.0, 0.004], "normal": [0.0, 1.0],
-        "motion": [{"kind": "oscillation", "direction": [0.0, 1.0], "amplitude": 0.002, "frequency": 30.0}],
-    }  # fmt: skip
-    lid = {
-        "kind": "plane", "point": [0.0, 0.097], "normal": [0.0, -1.0],
-        "piston": {"direction": [0.0, -1.0], "force": 5.0, "mass": 1.0, "damping": 1.0},
-    }  # fmt: skip
-    particles = scene_of().tables()["particles"]
-    particles["position"] = (np.asarray(particles["position"]) + [0.0, 0.004]).tolist()
-    simulation, divided, parameters, one, slabs = pair_of(scene_of(walls=[shaken, lid], particles=particles), 2)
-    state, _, _ = run(simulation, parameters, *one, 8)
-    distributed, lists, _ = run(divided, parameters, *slabs, 8)
-    whole, _ = devices.gathered(divided, distributed, lists)
-    for name in (*PARTS, "pistons"):
-        for x, y in zip(
-            jax.tree.leaves(getattr(state.particles, name)),
-            jax.tree.leaves(getattr(whole.particles, name)),
-            strict=True,
-        ):
-            assert apart(x, y) < 1e-10, name
-    # The grains bear the lid: in free fall it would be elsewhere.
-    alone = 0.5 * (5.0 + 9.81) * (8 * simulation.interval) ** 2
-    assert abs(float(state.particles.pistons.displacement[0]) - alone) > 0.02 * alone
-
-
 def test_every_field_of_the_particles_has_its_rule():
     """A field that is added must be cut into slabs, or be the same in all."""
     by_hand = {
@@ -223,32 +195,6 @@ def test_one_device_has_a_program_without_any_of_this():
     state, neighbors = jaxdem.initial_state(scene, simulation, parameters)
     text = stepping(simulation).lower(parameters, state, neighbors).as_text()
     assert not re.search("collective|all_reduce|all_gather|shard|manual", text)
-
-
-def test_the_gradient_through_a_rollout_is_that_on_one_device():
-    """Six grains of several sizes that collide and lie on both sides of a border."""
-    row = np.arange(6)
-    particles = {
-        "position": np.stack((0.05 + 0.0195 * row, 0.03 + 0.003 * (row % 2)), axis=1).tolist(),
-        "radius": [0.01, 0.009, 0.01, 0.0095, 0.01, 0.009],
-        "density": 2500.0,
-        "velocity": np.stack((0.3 - 0.1 * row, 0.05 * (-1.0) ** row), axis=1).tolist(),
-    }
-    simulation, divided, parameters, one, slabs = pair_of(scene_of(particles=particles), 2)
-
-    def objective(simulation, parameters, state, neighbors):
-        rows = jaxdem.rollout(simulation, parameters, state, neighbors, 6).state.particles
-        there = jnp.ones(rows.position.shape[:-1], bool) if rows.active is None else rows.active
-        value = rows.velocity**2 + jnp.sin(20.0 * rows.position)
-        return jnp.sum(jnp.where(there[..., None], value, 0.0))
-
-    gradient = [
-        jax.jit(jax.grad(lambda p, s=s, state=state: objective(s, p, *state)))(parameters)
-        for s, state in ((simulation, one), (divided, slabs))
-    ]
-    for expected, found in zip(*map(jax.tree.leaves, gradient), strict=True):
-        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10 * np.abs(expected).max())
-    assert np.all(np.asarray(gradient[0].bodies.radius) != 0.0)
 
 
 def test_a_box_too_short_for_so_many_slabs_is_refused():
