@@ -43,7 +43,7 @@ STAGED = {
     ],
     "stages": [
         {"name": "lean", "time": {"end": 0.03}},
-        {"name": "back", "time": {"end": 0.04}, "domain": {"gravity": [-4.0, -9.0]}},
+        {"name": "back", "time": {"end": 0.04}, "domain": {"gravity": [-4.0, -9.0]}, "output": {"energy": False}},
     ],
 }  # fmt: skip
 """Rows of grains of two sizes that fly to the right, the lowest along the floor, under a piston, to a gate."""
