@@ -24,6 +24,9 @@ if "device_count" not in os.environ.get("XLA_FLAGS", ""):
 # LLVM's optimisations are a third to a half of what is left; without them most runs of tests are too short to lose it
 # again. A module with longer runs says `pytestmark = pytest.mark.long_runs`.
 os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
+# Without the lines of source in a program, which only messages of compilers show, tracing to running it takes a twelfth
+# less.
+os.environ.setdefault("JAX_TRACEBACK_IN_LOCATIONS_LIMIT", "0")
 # What one test has compiled others, other processes and later runs take from here: set
 # before JAX is imported, and in the environment, for the tests that start the command line.
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).parents[1] / "build" / "xla"))

@@ -231,8 +231,17 @@ def test_onnx_gives_the_same(closures, expected, tmp_path, name):
     assert session.run(["force"], few)[0].shape == (3, dimension_of(closures[name]))
 
 
+@pytest.fixture
+def source_lines():
+    """Programs with the lines of source that users have in them; other tests are without (tests/conftest.py)."""
+    before = jax.config.jax_traceback_in_locations_limit
+    jax.config.update("jax_traceback_in_locations_limit", 100)
+    yield
+    jax.config.update("jax_traceback_in_locations_limit", before)
+
+
 @pytest.mark.parametrize("name", ("invariant", "paper"))
-def test_stablehlo_gives_the_same(closures, expected, tmp_path, name):
+def test_stablehlo_gives_the_same(closures, expected, tmp_path, name, source_lines):
     inputs, drag = expected[name]
     artifact, text = export_closure(closures[name], {}, "stablehlo", tmp_path / "closure.bin", "0")
     assert (artifact, text) == (tmp_path / "closure.bin", tmp_path / "closure.mlir")
