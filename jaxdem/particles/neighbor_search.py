@@ -129,7 +129,7 @@ class NeighborSearch:
         """
         if room is None:
             room = self.room(position, active, radius)
-        return listing(self)(position, low, radius, room, np.zeros((), bool), active, surfaces, placed)
+        return listing(self)(position, low, radius, room, active, surfaces, placed)
 
     def shapes(
         self,
@@ -141,7 +141,7 @@ class NeighborSearch:
     ) -> Neighbors:
         """What `allocate` gives for these arguments, shapes and types alone; nothing is compiled."""
         if surfaces:
-            given = (position, low, radius, room, np.zeros((), bool), None, surfaces)
+            given = (position, low, radius, room, None, surfaces)
             return jax.eval_shape(self._built, *given)
         count, dtype = position[0].shape[0], position[0].dtype
 
@@ -187,8 +187,9 @@ class NeighborSearch:
         """
         radius = neighbors.radius
         given = lax.stop_gradient((position, low, radius))
-        built = self._built(*given, neighbors.room, neighbors.overflow, active, neighbors.surfaces, tuple(placed))
-        return dataclasses.replace(with_radius(built, radius), builds=neighbors.builds + 1)
+        built = self._built(*given, neighbors.room, active, neighbors.surfaces, tuple(placed))
+        overflow = neighbors.overflow | built.overflow
+        return dataclasses.replace(with_radius(built, radius), builds=neighbors.builds + 1, overflow=overflow)
 
     def _built(
         self,
@@ -196,16 +197,15 @@ class NeighborSearch:
         low: tuple[Low, ...],
         radius: Array,
         room: Room,
-        overflow: Array,
         active: Array | None = None,
         surfaces: tuple[MeshSurface, ...] = (),
         placed: tuple[Placement | None, ...] = (),
     ) -> Neighbors:
+        overflow = jnp.zeros((), bool)
         if room.slots == 0:
             index = jnp.zeros((0, *position[0].shape), jnp.int32)
         else:
-            index, crowded = self.in_reach(position, low, room, active, radius)
-            overflow = overflow | crowded
+            index, overflow = self.in_reach(position, low, room, active, radius)
         listed = self.listed(index, position, low, radius, room, overflow)
         return self.with_meshes(listed, surfaces, room, active, placed) if surfaces else listed
 

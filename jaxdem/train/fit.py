@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from jaxdem.closures.base import Drag
 from jaxdem.closures.invariant import InvariantClosure, PreparedInputs, corrected
 from jaxdem.closures.network import PaperNetwork, Weights
 from jaxdem.errors import InputError
@@ -164,6 +165,12 @@ class PaperLoss:
         return LOSSES[self.measure](network_columns(weights, self.activation, rows[0].T), rows[1].T)
 
 
+def _learned_drag(weights: Weights, activation: str, inputs: PreparedInputs, bounded: bool) -> Drag:
+    """The drag on every row by the network, also beyond the range of the training."""
+    output = network_columns(weights, activation, inputs.features.T).T
+    return corrected(inputs, output, jnp.ones_like(inputs.out_of_range), bounded)
+
+
 @dataclasses.dataclass(frozen=True)
 class FilteredLoss:
     """Loss of weights and rows: prepared inputs with normalised features, forces (M, D) [N], weights (M,) [1/N2].
@@ -179,8 +186,7 @@ class FilteredLoss:
     def __call__(self, weights: Weights, rows: tuple[PreparedInputs, Array, Array]) -> Array:
         """The loss."""
         inputs, truth, counts = rows
-        output = network_columns(weights, self.activation, inputs.features.T).T
-        drag = corrected(inputs, output, jnp.ones_like(inputs.out_of_range), self.bounded)
+        drag = _learned_drag(weights, self.activation, inputs, self.bounded)
         force = drag.coefficient[:, None] * inputs.slip
         if drag.remainder is not None:
             force = force + drag.remainder
@@ -202,8 +208,7 @@ class BalanceLoss:
     def __call__(self, weights: Weights, rows: tuple[PreparedInputs, Array, Array]) -> Array:
         """The loss."""
         inputs, truth, counts = rows
-        output = network_columns(weights, self.activation, inputs.features.T).T
-        drag = corrected(inputs, output, jnp.ones_like(inputs.out_of_range), self.bounded)
+        drag = _learned_drag(weights, self.activation, inputs, self.bounded)
         factor = drag.coefficient / inputs.coefficient
         return jnp.mean(counts * factor * (0.5 * drag.coefficient * inputs.slip[:, 0] - truth[:, 0]))
 

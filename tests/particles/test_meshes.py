@@ -142,7 +142,7 @@ def held(path, places, **given):
         particles = state.particles._replace(position=position)
         motion = Motion.of(particles)
         listed = case.simulation.search._built(
-            motion.position, motion.low, case.parameters.bodies.radius, room, jnp.zeros((), bool), None,
+            motion.position, motion.low, case.parameters.bodies.radius, room, None,
             case.parameters.meshes,
         )  # fmt: skip
         step = ContactStep(model, around, case.parameters.bodies, motion, motion.velocity, jnp.asarray(1e-5))
