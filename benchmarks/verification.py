@@ -5,6 +5,7 @@
     python benchmarks/verification.py --only "MFIX,Hertz"  some of them, all figures printed, nothing written
 
     python benchmarks/verification.py --topics contact,fluid those again; the others stay as they are in the results
+    python benchmarks/verification.py --missing              those that are not in the results yet
 
 Topics run in processes of their own, `--jobs` at a time; the results are written after each.
 
@@ -126,36 +127,42 @@ def write_page(text: str) -> None:
     PAGE.write_text(f"{before}{BEGIN}\n\n{text}\n\n{END}{after}")
 
 
-def run_topic(topic: str, out: Path) -> None:
-    """All cases of a topic in this process, their outcomes into a file."""
-    outcomes = []
+def stored() -> dict[str, dict[str, Any]]:
+    """What the results file has of each case, by its name."""
+    file = harness.RESULTS / "verification.json"
+    return {record["case"]: record for record in json.loads(file.read_text())["cases"]} if file.exists() else {}
+
+
+def run_topic(topic: str, out: Path, missing: bool) -> None:
+    """The cases of a topic in this process, their outcomes into a file after each."""
+    known = stored() if missing else {}
+    records: list[dict[str, Any]] = []
     for case in collect().values():
-        if case.topic == topic:
-            outcomes.append(run(case))
-            print(row(outcomes[-1]), flush=True)
-    records = [
-        {
-            "case": outcome.case.name,
-            "topic": outcome.case.topic,
-            "source": outcome.case.source,
-            "run_time_s": round(outcome.seconds, 2),
-            "problem": outcome.problem,
-            "figures": [dataclasses.asdict(figure) for figure in outcome.figures],
-        }
-        for outcome in outcomes
-    ]
-    out.write_text(json.dumps(records))
+        if case.topic != topic or case.name in known:
+            continue
+        outcome = run(case)
+        print(row(outcome), flush=True)
+        records.append(
+            {
+                "case": case.name,
+                "topic": topic,
+                "source": case.source,
+                "run_time_s": round(outcome.seconds, 2),
+                "problem": outcome.problem,
+                "figures": [dataclasses.asdict(figure) for figure in outcome.figures],
+            }
+        )
+        out.write_text(json.dumps(records))
 
 
-def run_all(topics: list[str], jobs: int) -> bool:
+def run_all(topics: list[str], jobs: int, missing: bool) -> bool:
     """The cases of these topics, in processes of their own; whether all figures are within their gates."""
-    stored = harness.RESULTS / "verification.json"
-    records = {record["case"]: record for record in json.loads(stored.read_text())["cases"]} if stored.exists() else {}
+    records = stored()
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(jobs) as pool:
 
         def child(topic: str) -> list[dict[str, Any]]:
             out = Path(folder) / f"{topic}.json"
-            command = [sys.executable, __file__, "--topic", topic, "--out", str(out)]
+            command = [sys.executable, __file__, "--topic", topic, "--out", str(out), *["--missing"] * missing]
             ended = subprocess.run(command, check=False)
             if not out.exists():
                 raise SystemExit(f"the cases of {topic!r} ended with code {ended.returncode}")
@@ -192,22 +199,24 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", default="", help="parts of the names of cases, separated by commas")
     parser.add_argument("--topics", default="", help="topics, separated by commas")
+    parser.add_argument("--missing", action="store_true", help="only cases that are not in the results yet")
     parser.add_argument("--jobs", type=int, default=1, help="number of topics that run at the same time")
     parser.add_argument("--topic", help=argparse.SUPPRESS)
     parser.add_argument("--out", type=Path, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.topic:
-        run_topic(arguments.topic, arguments.out)
+        run_topic(arguments.topic, arguments.out, arguments.missing)
         return 0
     parts = [part.strip().lower() for part in arguments.only.split(",") if part.strip()]
     if parts:
         return run_some(parts)
-    known = list(dict.fromkeys(case.topic for case in collect().values()))
+    present = stored() if arguments.missing else {}
+    known = list(dict.fromkeys(case.topic for case in collect().values() if case.name not in present))
     topics = [topic.strip() for topic in arguments.topics.split(",") if topic.strip()] or known
     if unknown := [topic for topic in topics if topic not in known]:
         print(f"no topic is called {unknown[0]!r}; there are: {', '.join(known)}", file=sys.stderr)
         return 2
-    return 0 if run_all(topics, arguments.jobs) else 1
+    return 0 if run_all(topics, arguments.jobs, arguments.missing) else 1
 
 
 def run_some(parts: list[str]) -> int:
