@@ -7,9 +7,12 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 export PYTHONDONTWRITEBYTECODE :=
 # Number of parallel test processes. The threads of numpy and XLA are not limited.
 WORKERS ?= 2
+PYTEST := $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
+# The second tier of the tests; see CONTRIBUTING.md.
+SECOND := every_combination
 EXAMPLES := column_collapse settling fluidised_bed injection friction_calibration train_closure
 
-.PHONY: demo test pytest lint docs examples coverage dist dist-check clean
+.PHONY: demo test test-rest test-all pytest lint docs examples coverage dist dist-check clean
 
 demo: $(VENV)/run.done
 	$(BIN)/jaxdem study clusters --scale demo --out runs/demo
@@ -19,7 +22,14 @@ test: $(VENV)/test.done
 	$(MAKE) --no-print-directory --jobs 2 lint pytest
 
 pytest: $(VENV)/test.done
-	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder --durations 10
+	$(PYTEST) --durations 10 -m "not $(SECOND)"
+
+# What `make test` leaves out: combinations of options, each of which it tests by itself.
+test-rest: $(VENV)/test.done
+	$(PYTEST) --durations 10 -m $(SECOND)
+
+test-all: test
+	$(MAKE) --no-print-directory test-rest
 
 lint: $(VENV)/test.done
 	$(BIN)/ruff check .
@@ -34,9 +44,9 @@ docs: $(VENV)/docs.done
 examples: $(VENV)/run.done
 	for name in $(EXAMPLES); do $(BIN)/python examples/$$name.py docs/pictures/$$name.png || exit 1; done
 
-# Coverage of the tests, report in build/coverage. Lines that run only in processes that are killed are not counted.
+# Coverage of all tests, report in build/coverage. Lines that run only in processes that are killed are not counted.
 coverage: $(VENV)/test.done
-	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder --cov=jaxdem --cov-report=term-missing:skip-covered --cov-report=html:build/coverage
+	$(PYTEST) --cov=jaxdem --cov-report=term-missing:skip-covered --cov-report=html:build/coverage
 
 dist: $(VENV)/test.done
 	rm -rf dist build/lib build/bdist.*

@@ -20,6 +20,7 @@ from jaxdem.setup.builder import build_case
 from jaxdem.setup.cut_cells import FluidSurface, cut_cells_of
 from jaxdem.setup.even_deposition import even_factors
 from jaxdem.setup.fluid_surfaces import wall_speed_in_fluid
+from tests.cases.tiers import COMBINATION, tiered
 
 TILTED = (
     {"kind": "plane", "point": [0.05, 0.03], "normal": [-0.2, 1.0], "fluid": "no_slip"},
@@ -116,7 +117,7 @@ def momentum(simulation, parameters, fluid):
 OTHERS = {"fluid": {"smagorinsky": 0.3}, "coupling": {"void_fraction": "diffusion", "kernel_width": {"cells": 2.0}}}
 
 
-@pytest.mark.parametrize("models", [{}, OTHERS], ids=["plain", "eddies and diffusion"])
+@pytest.mark.parametrize("models", tiered([{}, OTHERS], first=[{}]), ids=["plain", "eddies and diffusion"])
 def test_water_and_grains_in_a_tilted_box_rest_and_the_third_law_holds(models):
     """Between planes and a cylinder, round a body of lines."""
     corners = [[0.24, 0.29], [0.3, 0.29], [0.27, 0.34]]
@@ -167,6 +168,7 @@ def settled(lifted, corrected=True):
     return np.asarray(state.particles.velocity)[0]
 
 
+@COMBINATION
 def test_the_wake_of_a_grain_is_corrected_over_a_plane_as_over_the_floor():
     """A plane on a grid line is a no-slip side: out of reach of the wall the corrected grain falls as fast.
 
@@ -215,6 +217,7 @@ def test_check_tells_the_cells_that_walls_cut_off():
     assert report.closed_pockets == 0 and "cut off" not in text
 
 
+@COMBINATION
 def test_a_resumed_run_is_the_whole_run_bit_for_bit(tmp_path):
     """Grains and the force on a cylinder that swings in a stream, in single precision, stopped at half time."""
     probes = [{"name": "drag", "kind": "wall", "wall": 0, "interval": 0.01}]
@@ -234,6 +237,7 @@ def test_a_resumed_run_is_the_whole_run_bit_for_bit(tmp_path):
     assert len(rows[0]) == 4 and rows[0].tobytes() == rows[1].tobytes()
 
 
+@COMBINATION
 def test_float32_and_three_dimensions():
     tube = {
         "kind": "cylinder",

@@ -7,6 +7,7 @@ import pytest
 
 from jaxdem import build, initial_state, load_scene
 from jaxdem.coupling.walls_in_fluid import WallsInFluid
+from tests.cases.tiers import tiered
 from tests.test_fluid_walls import refusal, tables
 from tests.test_moving_fluid_walls import BOX, STREAM, march
 
@@ -88,7 +89,10 @@ def test_water_and_grains_rest_when_a_gate_vanishes(monkeypatch):
     assert resting(monkeypatch)[0] > 1e-3
 
 
-@pytest.mark.parametrize("interval, end", [(0.004, 0.018), (0.004, 0.058), (0.01, 0.035)])
+VANISHING = [(0.004, 0.018), (0.004, 0.058), (0.01, 0.035)]
+
+
+@pytest.mark.parametrize("interval, end", tiered(VANISHING, first=[(0.01, 0.035)]))
 def test_a_gate_that_vanishes_in_the_middle_of_an_interval_vanishes_once(interval, end):
     """For the fluid as for grains: that of the next interval what was there in this one is known to rounding."""
     box = BOX | {"fluid": {"cells": [4, 2], "time_step": interval}, "coupling": {"interval": interval}}

@@ -16,6 +16,7 @@ from jaxdem.io.vtkhdf import ROOT
 from jaxdem.io.wall_file import WALLS
 from jaxdem.setup.builder import build_case
 from tests.cases.moving_walls import path
+from tests.cases.tiers import COMBINATION, tiered
 
 SCENES = Path(__file__).parents[1] / "scenes"
 
@@ -114,7 +115,7 @@ def short_run(tmp_path_factory):
     return run
 
 
-@pytest.mark.parametrize("name", SHORT)
+@pytest.mark.parametrize("name", tiered(SHORT, first=["drum_with_lifters", "direct_shear"]))
 def test_grains_have_the_momentum_that_walls_and_gravity_gave(short_run, name):
     """All grains are there, and m dv = M g t less the impulse of grains on walls, along x and z, where nothing else is
     touched. Without any of the walls that are touched it fails by more than ten times the tolerance."""
@@ -151,6 +152,7 @@ def test_the_motor_of_the_drum_turns_it_against_its_torque_and_it_wears(short_ru
     np.testing.assert_allclose(volume.sum(), run.history["wall_0_wear"][-1], rtol=1e-5)
 
 
+@COMBINATION
 def test_grains_on_the_slope_lose_energy(short_run):
     """Terrain and gate do no work: kinetic and potential energy together fall from output to output, or stay. By the
     kinetic energy alone this would not hold."""

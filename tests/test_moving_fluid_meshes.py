@@ -14,6 +14,7 @@ from jaxdem.setup.cut_cells import FluidSurface, cut_cells_of
 from jaxdem.setup.fluid import fluid_setup
 from jaxdem.setup.fluid_surfaces import surfaces_in_fluid
 from jaxdem.solids.grid_distance import grid_distance
+from tests.cases.tiers import COMBINATION
 from tests.test_fluid_meshes import circle
 from tests.test_fluid_walls import CYLINDER, refusal, tables
 from tests.test_moving_fluid_walls import BOX, STREAM, march
@@ -46,6 +47,7 @@ def test_a_mesh_that_moves_with_a_stream_leaves_it_as_it_is():
     assert np.abs(flux).max() > 1.0
 
 
+@COMBINATION
 def test_a_round_mesh_that_goes_round_is_the_cylinder():
     turning = {"kind": "rotation", "rate": 4.0, "center": [0.22, 0.19]}
     scenes = [
@@ -79,6 +81,7 @@ def test_a_round_mesh_that_goes_round_is_the_cylinder():
     assert np.abs(last - first).max() > 0.9  # it has moved
 
 
+@COMBINATION
 def test_a_ball_of_triangles_is_a_sphere_on_its_way(tmp_path):
     ball = trimesh.creation.icosphere(3, 0.09)
     ball.apply_translation([0.2, 0.15, 0.2])

@@ -7,6 +7,7 @@ import pytest
 
 from jaxdem import build, initial_state, load_scene
 from jaxdem.fluid.grid import divergence
+from tests.cases.tiers import COMBINATION
 from tests.test_fluid_walls import refusal, tables
 
 END = {"time": {"end": 0.4, "output_interval": 0.1}}
@@ -97,6 +98,7 @@ def now(simulation):
     return ((10 * length, None), length), (9.5 * length, 10.5 * length)
 
 
+@COMBINATION
 def test_a_body_that_swings_in_a_closed_box_keeps_the_volume():
     swinging = BODY | {"center": [0.21, 0.093]}
     swinging["motion"] = [{"kind": "oscillation", "direction": [1.0, 0.3], "amplitude": 0.03, "frequency": 1.0}]

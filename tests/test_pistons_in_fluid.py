@@ -16,6 +16,7 @@ from jaxdem.fluid import momentum_step
 from jaxdem.fluid.surface_response import SurfaceResponse
 from jaxdem.particles.moving_walls import PistonNumbers, PistonState
 from tests.cases.pistons_in_fluid import DENSITY, DEPTH, STEP, before_column, column, march, scene_of
+from tests.cases.tiers import COMBINATION, tiered
 from tests.test_fluid_walls import refusal
 
 
@@ -36,6 +37,7 @@ def test_the_added_mass_is_that_of_the_column_and_holds_a_light_piston(monkeypat
     assert np.abs(found[:, 1]).max() > 100.0 * exact[-1, 1]
 
 
+@COMBINATION
 def test_the_added_mass_does_not_depend_on_the_number_of_fluid_steps():
     """Four in a coupling interval: the inertia of the water acts in the first one."""
     given = before_column(0.01)
@@ -45,7 +47,7 @@ def test_the_added_mass_does_not_depend_on_the_number_of_fluid_steps():
     np.testing.assert_allclose(found[:, 1], column(0.01, 4)[:, 1], rtol=0.015)
 
 
-@pytest.mark.parametrize("force", [-20.0, 20.0])
+@pytest.mark.parametrize("force", tiered([-20.0, 20.0], first=[20.0]))
 def test_a_piston_that_leaves_the_fluid_stops_the_run(force, tmp_path):
     """Drawn out of the box through the left side, and pushed through it until no cell is open."""
     given = before_column(10.0)

@@ -24,6 +24,7 @@ from jaxdem.run.numbers import NO_NUMBERS, loop_numbers, with_numbers
 from jaxdem.run.observer import Observer, probe_marks
 from jaxdem.setup.builder import build_case
 from jaxdem.setup.probes import scene_probes
+from tests.cases.tiers import COMBINATION
 
 SHEET = {
     "seed": 2,
@@ -255,6 +256,7 @@ def test_contacts_are_written_in_the_order_of_their_numbers():
     assert ContactsProbe("a", "xz").written(means).tolist() == [4, 3, 1, 0]
 
 
+@COMBINATION
 def test_a_profiled_run_has_the_same_rows(run, tmp_path):
     """Its programs are others: fluid and particles apart, and the probes by themselves."""
     profiled = jaxdem.simulate(jaxdem.load_scene(SHEET), tmp_path / "run", profile=True)
@@ -323,6 +325,7 @@ def test_check_counts_the_rows_of_a_run_that_begins_from_another(in_two):
     assert [text.split("at ")[1].split(" s")[0] for text in late] == ["0.48", "0.49", "0.44"]
 
 
+@COMBINATION
 def test_each_run_of_a_sweep_has_its_probes(tmp_path):
     """A grain that leaves to the right or goes back through the plane in the middle: one program, two runs."""
     path, out = tmp_path / "scene.toml", tmp_path / "sweep"

@@ -14,6 +14,7 @@ from jaxdem.closures.ensemble import EnsembleClosure
 from jaxdem.numerics.products import along_axis
 from jaxdem.step import step
 from jaxdem.train.fit_network import network_columns
+from tests.cases.tiers import tiered
 
 HIGHEST = (lax.Precision.HIGHEST, lax.Precision.HIGHEST)
 
@@ -61,7 +62,7 @@ SCENES = {
 }
 
 
-@pytest.mark.parametrize("name", [*SCENES, *CLOSURES])
+@pytest.mark.parametrize("name", tiered([*SCENES, *CLOSURES], first=["correlation", "history", "invariant"]))
 def test_products_of_a_step_keep_all_digits(name, tmp_path):
     tables = scene(**SCENES.get(name, {}))
     if name in CLOSURES:

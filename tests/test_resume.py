@@ -25,6 +25,7 @@ from jaxdem.run.scene_run import simulate_once
 from jaxdem.run.time_loop import Interrupted, TimeLoop
 from jaxdem.run.totals import Totals
 from jaxdem.state import Parameters
+from tests.cases.tiers import COMBINATION
 
 SCENE = {
     "domain": {"size": [0.2, 0.2], "depth": 0.04},
@@ -300,6 +301,7 @@ def test_too_few_neighbour_slots_change_nothing(scene, whole, tmp_path, monkeypa
         np.testing.assert_allclose(ours["velocity"], theirs["velocity"], rtol=0, atol=2e-5)
 
 
+@COMBINATION
 def test_what_else_is_wrong_after_an_overflow_does_not_count(scene, whole, tmp_path, monkeypatch):
     """Particles that missed their contacts may be lost or too fast: the interval is done again all the same."""
     monkeypatch.setattr(neighbor_module, "USUAL_SLOTS", {2: 1, 3: 1})

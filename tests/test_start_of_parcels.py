@@ -17,6 +17,7 @@ from jaxdem.check.stages import check_stages
 from jaxdem.cli.main import app
 from jaxdem.io import read_checkpoint
 from jaxdem.setup.builder import build_case
+from tests.cases.tiers import COMBINATION
 
 RADIUS, PARCELS, INTERVAL, HALF, END = 5e-4, 40, 1e-3, 0.01, 0.02
 SCENE = {
@@ -58,6 +59,7 @@ def later(run, changes=None):
     return load_scene(copy.deepcopy(SCENE) | {"start": {"from": str(run.path)}}, changes)
 
 
+@COMBINATION
 def test_parcels_in_3d_go_on_with_the_same_bits(runs):
     """Places, contact springs, what the Basset force remembers: all of the last checkpoint and frame."""
     whole, half, second = runs
@@ -74,6 +76,7 @@ def test_parcels_in_3d_go_on_with_the_same_bits(runs):
     assert second.summary["start"]["from"] == str(half.path) and "merged" not in second.summary["start"]
 
 
+@COMBINATION
 def test_probes_go_on_over_a_start(runs):
     """The two files one after the other are the file of one run, though a row has the mean over three intervals and
     the start is within one."""
@@ -98,6 +101,7 @@ def larger(runs, tmp_path_factory):
     return scene, done.output, load_run(folder / "run")
 
 
+@COMBINATION
 def test_merged_parcels_run_on(runs, larger):
     """27/8 of the parcels make a larger one: 11 of them of 40, and the rest is told."""
     scene, printed, run = larger
@@ -127,6 +131,7 @@ def test_merged_parcels_run_on(runs, larger):
     json.dumps(build_case(scene).start_figures)
 
 
+@COMBINATION
 def test_sums_of_probes_do_not_go_on_over_a_merge(larger):
     """A row is a mean since the merge: the third of an interval that was measured before it, of other particles, is
     not in it. Of 27 grains each is a particle that is counted."""
@@ -142,6 +147,7 @@ def test_sums_of_probes_do_not_go_on_over_a_merge(larger):
     np.testing.assert_allclose(each["mass_flow"] * INTERVAL, mass * each["number"], rtol=1e-5)
 
 
+@COMBINATION
 def test_a_merge_is_resumed_from_the_runs_own_folder(larger):
     """`start.h5` has the particles before the merge; it is made again, the same."""
     scene, _, run = larger

@@ -13,6 +13,7 @@ import pytest
 from jaxdem.closures import DRAG_LAWS, DragInputs, Ergun, KochHill, drag_law, drag_law_name
 from jaxdem.errors import InputError
 from tests.cases.correlations import DENSITY, DIAMETER, ROWS, VISCOSITY
+from tests.cases.tiers import tiered
 
 TERMINAL = Path(__file__).parents[1] / "data" / "settling_terminal.csv"
 
@@ -142,7 +143,7 @@ def test_dilute_creeping_limit(name):
 
 
 @pytest.mark.parametrize("name", DRAG_LAWS)
-@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
+@pytest.mark.parametrize("dtype", tiered([jnp.float32, jnp.float64], first=[jnp.float64]))
 def test_finite_values_and_gradients_at_the_edges(name, dtype):
     """Zero slip, tiny slip, no particles, all solid, round-off below zero: finite value and gradient, dtype
     kept."""

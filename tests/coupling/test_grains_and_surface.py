@@ -21,6 +21,7 @@ from tests.cases.grains_in_two_fluids import (
     momentum,
     tables,
 )
+from tests.cases.tiers import COMBINATION, tiered
 
 G = 9.81
 
@@ -151,6 +152,7 @@ def drop():
     return scene
 
 
+@COMBINATION
 def test_grains_in_the_surface_of_a_drop_are_not_pushed_out():
     """They take the tension as they take the jump of the pressure: at rest the sum is zero, where the jump alone would
     give them sigma kappa grad c over their density in every second."""
@@ -183,7 +185,7 @@ def test_momentum_with_tension_changes_by_the_tension_alone():
     assert share > 1e-6 * size  # of one grain in a step: without it the sums would be apart by this
 
 
-@pytest.mark.parametrize("level", (0.0647, 0.0055))
+@pytest.mark.parametrize("level", tiered((0.0647, 0.0055), first=[0.0055]))
 def test_grains_at_rest_under_a_lake_stay_at_rest(level):
     """A layer on the floor, held by its contacts: below a still lake, and with the surface within the layer.
 
@@ -226,6 +228,7 @@ def test_steps_are_told_apart_by_their_number_in_long_runs():
     assert int(early) == 21 == int(begun._replace(number=jnp.asarray(21)).number_at(one, step))
 
 
+@COMBINATION
 def test_liquid_sinks_into_a_dry_bed():
     """Cells full of grains that hold gas: liquid let go above them fills the pores, within bounds and without loss."""
     simulation, _, start, end = after(dry_bed_and_a_column(), 700)

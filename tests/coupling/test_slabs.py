@@ -8,6 +8,7 @@ import pytest
 import jaxdem
 from jaxdem.numerics.blocks import Blocks
 from tests.cases.fluid_slabs import ALONG_X, SAME, SLABS, compared, coupled_scene, in_slabs, run_on_slabs
+from tests.cases.tiers import COMBINATION
 
 SCENES = {
     "centre, closed box": coupled_scene(2, {}, void_fraction="centre"),
@@ -53,10 +54,10 @@ def rows_of(particles, number, axis, width, drift):
 @pytest.mark.parametrize(
     ("name", "number", "axis", "drift"),
     [
-        ("centre, closed box", 2, 1, 0.01),
-        ("divided, on a coarser mesh", 2, 0, 0.0),
+        pytest.param("centre, closed box", 2, 1, 0.01, marks=COMBINATION),
+        pytest.param("divided, on a coarser mesh", 2, 0, 0.0, marks=COMBINATION),
         ("diffusion, jet, model B", 4, 0, 0.0),
-        ("forces with a memory, 3-D", 2, 2, 0.02),
+        pytest.param("forces with a memory, 3-D", 2, 2, 0.02, marks=COMBINATION),
     ],
 )
 def test_exchange_is_that_of_one_device(name, number, axis, drift):

@@ -19,6 +19,7 @@ from jaxdem.step import advance_fluid
 from jaxdem.train.sphere_moments import group_moments, predicted, with_carried
 from jaxdem.train.spheres import SphereGroup
 from tests.cases.small_scenes import SMALL_INJECTION
+from tests.cases.tiers import COMBINATION
 
 D, SIDE, COUNT = 0.01, 6.0, 50
 """Diameter [m], side of the box in diameters, number of spheres: solid fraction 0.12."""
@@ -175,6 +176,7 @@ def test_slopes_by_the_places_are_those_of_differences(world, closure):
     assert float(slope) == pytest.approx(float(value(step) - value(-step)) / (2 * step), rel=1e-5)
 
 
+@COMBINATION
 def test_model_b_has_the_same_force_of_the_whole_fluid(effect, closure):
     """Of the force F (1 + r): in model A drag is g F (1 + r/g), in model B F (1 + r)."""
     velocity = slip_of([1.0, 0.0, 0.0])
@@ -224,6 +226,7 @@ def test_what_the_neighbours_add_is_held(closure, effect):
     assert np.abs(rows[2][:, :-1] - rows[0][:, :-1]).max() > 1e-6
 
 
+@COMBINATION
 def test_what_is_held_does_not_turn_over_with_the_axes(closure):
     """The axes across a slip along x turn over when its vertical part changes its sign; force and torque do not."""
     world = World(closure, closure=dict(hold=3))

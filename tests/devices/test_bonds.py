@@ -13,6 +13,7 @@ from jaxdem.errors import InputError
 from jaxdem.particles.bond_state import INTACT
 from jaxdem.setup.builder import build_case
 from tests.cases.slabs import apart
+from tests.cases.tiers import COMBINATION
 from tests.devices.test_meshes import stepped
 
 RADIUS = 5e-3
@@ -157,12 +158,14 @@ def cut(scene, number):
     return simulation, divided, parameters, start, slabs
 
 
+@COMBINATION
 def test_bonds_in_single_precision_come_back():
     """The trailing parts too."""
     _, _, _, (state, _), _ = cut(jaxdem.load_scene(cold(tables_of_plates(precision="float32"))), 2)
     assert np.any(np.asarray(state.particles.bonds.separation_low[0]) != 0.0)
 
 
+@COMBINATION
 def test_plates_in_space_on_four_devices():
     """Bonds that hold, of plates that go over all borders."""
     scene = jaxdem.load_scene(cold(tables_of_plates(3, BOND)))

@@ -17,6 +17,7 @@ from tests.cases.clumps import momenta
 from tests.cases.fluid_slabs import ALONG_X, coupled_scene
 from tests.cases.slabs import apart
 from tests.cases.surfaces import plane_mesh, saved
+from tests.cases.tiers import COMBINATION
 from tests.devices.test_particles import PERIODIC, pair_of, run, touching
 
 PARTS = ("position", "velocity", "angular_velocity", "orientation", "contact_force")
@@ -126,6 +127,7 @@ def test_a_pack_drifts_over_all_borders(monkeypatch, intervals=90):
     assert apart(state.particles.angular_velocity, without.particles.angular_velocity) > 1e-3
 
 
+@COMBINATION
 def test_walls_a_mesh_and_materials_in_space(tmp_path):
     """Bent bodies and spheres of two materials slide, roll and spin in a box, over a wavy sheet of triangles that
     wears, along and across its edges, and over the border; with the balance of energy."""
@@ -223,6 +225,7 @@ def rods_over_a_valley():
     return scene_of(particles=particles, walls=[valley])
 
 
+@COMBINATION
 def test_the_gradient_is_that_on_one_device():
     """Of rods that collide across the borders and with a mesh on both sides of one, by every constant of bodies and
     contacts and by gravity."""
@@ -269,6 +272,7 @@ def in_a_fluid():
     return tables
 
 
+@COMBINATION
 def test_bodies_in_a_stream_are_resumed_on_other_numbers_of_devices(tmp_path):
     """Bit for bit on as many, to rounding on one; and the same as on one device from the start, also who is there."""
     tables = in_a_fluid()

@@ -12,17 +12,18 @@ from jaxdem.setup.builder import build_case
 from tests.cases.fluid_slabs import compared, fluid_scene
 from tests.cases.pistons_in_fluid import STEP, before_column, march
 from tests.cases.slabs_beside_walls import CYLINDER, JET, SCENES
+from tests.cases.tiers import COMBINATION
 
 
 @pytest.mark.parametrize(
     ("name", "number", "axis"),
     [
-        ("jet", 2, 0),
-        ("stream", 3, 1),
-        ("jet, 3-D", 2, 2),
-        ("moving", 2, 0),
+        pytest.param("jet", 2, 0, marks=COMBINATION),
+        pytest.param("stream", 3, 1, marks=COMBINATION),
+        pytest.param("jet, 3-D", 2, 2, marks=COMBINATION),
+        pytest.param("moving", 2, 0, marks=COMBINATION),
         ("grains", 2, 0),
-        ("piston, diffusion", 2, 1),
+        pytest.param("piston, diffusion", 2, 1, marks=COMBINATION),
     ],
 )
 def test_flow_and_loads_are_those_of_one_device(name, number, axis):
@@ -83,6 +84,7 @@ def test_parameters_of_one_device_are_refused():
         divided.step(parameters, state, None)
 
 
+@COMBINATION
 def test_a_run_beside_warm_walls_goes_on_as_on_one_device(tmp_path):
     """Forces, torque and heat of a warm cylinder in a cold stream: on one device; on two, stopped and resumed on two,
     and on one. The tolerance is that of the pressure."""
@@ -116,6 +118,7 @@ def test_a_run_beside_warm_walls_goes_on_as_on_one_device(tmp_path):
     np.testing.assert_allclose(second.pressure_change, first.pressure_change, rtol=0, atol=1e-10 * size)
 
 
+@COMBINATION
 def test_a_profiled_run_in_slabs_moves_a_piston_as_on_one_device(tmp_path):
     """What the fluid does to it has a program of its own there."""
     given = before_column(0.01) | {"time": {"end": 3 * STEP, "output_interval": STEP}}

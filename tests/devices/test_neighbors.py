@@ -14,6 +14,7 @@ from jaxdem.closures.moments import MomentBasis
 from jaxdem.closures.neighbors import Width
 from jaxdem.coupling.far_ghosts import FarGhosts
 from jaxdem.devices.mesh import SAME, SLABS, STATE, on_slabs
+from tests.cases.tiers import COMBINATION
 
 D, SIZE, COUNT = 0.01, np.array([16.0, 6.0, 6.0]), 130
 """Diameter [m], box in diameters, number of spheres: solid fraction 0.12."""
@@ -103,6 +104,7 @@ def test_forces_on_ghosts_matter(closure, alone, monkeypatch):
     assert in_slabs(closure, alone, 4) > 1e-3
 
 
+@COMBINATION
 def test_a_run_is_that_of_one_device(closure, alone):
     """Six intervals on two devices, with forces held for two and grains that change slabs."""
     parameters, (state, lists), _ = alone

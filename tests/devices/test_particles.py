@@ -16,6 +16,7 @@ from jaxdem.errors import InputError
 from jaxdem.failures import Failure, failures
 from jaxdem.particles.integrate import ParticleState
 from tests.cases.slabs import apart
+from tests.cases.tiers import COMBINATION, tiered
 
 PARTS = ("contact_force", "velocity", "position", "angular_velocity")
 PERIODIC = {name: {"kind": "periodic"} for name in ("left", "right", "bottom", "top")}
@@ -93,7 +94,7 @@ def touching(contacts):
     return set(zip(low.tolist(), high.tolist(), strict=True))
 
 
-@pytest.mark.parametrize("number", [1, 4])
+@pytest.mark.parametrize("number", tiered([1, 4], first=[4]))
 def test_a_pack_that_drifts_through_slabs_and_periodic_sides_keeps_its_contacts(number):
     """Two slabs, each on both sides of the other, are in test_clumps.py and, of spheres, in test_random_scenes.py."""
     simulation, divided, parameters, one, slabs = pair_of(drifting_pack(), number)
@@ -119,6 +120,7 @@ def test_a_pack_that_drifts_through_slabs_and_periodic_sides_keeps_its_contacts(
     assert number == 1 or figures.migrations > 4
 
 
+@COMBINATION
 def test_liquid_bridges_across_a_border():
     """Bridges form and rupture between grains of both slabs: films and forces are those of one device, and no liquid is
     lost."""

@@ -9,6 +9,7 @@ import pytest
 import jaxdem
 from jaxdem.setup.builder import build_case
 from tests.cases.fluid_slabs import coupled_scene, places
+from tests.cases.tiers import COMBINATION
 
 ACROSS, UP = np.meshgrid(0.012 + 0.0196 * np.arange(11), 0.0099 + 0.0196 * np.arange(4), indexing="ij")
 NOISE = np.random.default_rng(2).normal(size=(ACROSS.size, 2))
@@ -157,6 +158,7 @@ def test_a_run_on_one_device_begins_from_one_on_two(chains):
         np.testing.assert_allclose(pairs[1][pair], spring, rtol=0, atol=1e-9 * largest)
 
 
+@COMBINATION
 def test_probes_and_samples_beside_a_fluid(tmp_path):
     """Points in cells of both slabs and between them, planes along and across the cut, forces on a wall, and what the
     drag law saw; the tolerance is that of the pressure."""

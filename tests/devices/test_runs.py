@@ -17,6 +17,7 @@ from vtkmodules.vtkIOHDF import vtkHDFReader
 from jaxdem.cli.cluster import member
 from jaxdem.errors import InputError
 from jaxdem.io import load_run
+from tests.cases.tiers import COMBINATION
 
 ROOT = Path(__file__).parents[2]
 ENVIRONMENT = {name: value for name, value in os.environ.items() if "XLA_FLAGS" not in name} | {
@@ -95,6 +96,7 @@ def largest_difference(one, other):
     return {name: np.abs(np.subtract(first[name], second[name], dtype=float)).max() for name in first}
 
 
+@COMBINATION
 def test_four_devices_do_what_one_does(scene, tmp_path):
     for out, end, more in (
         ("one", 0.12, ()),

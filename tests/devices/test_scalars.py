@@ -22,6 +22,7 @@ from jaxdem.setup.builder import build_case
 from tests.cases.fluid_slabs import ALONG_X, SLABS, coupled_scene, fluid_scene, places, run_on_slabs
 from tests.cases.heat import chain_tables
 from tests.cases.slabs import apart
+from tests.cases.tiers import COMBINATION, tiered
 
 DYE = {"name": "dye", "diffusivity": 1e-3}
 FLUID_HEAT = {"fluid_heat_capacity": 1000.0, "fluid_conductivity": 0.5, "fluid_temperature": 300.0}
@@ -45,6 +46,7 @@ def stepped(scene, number, steps, marked=None):
     return state, devices.gathered(divided, slabs, lists)[0], lists
 
 
+@COMBINATION
 def test_conduction_across_a_border():
     """A row of grains of different temperatures between a warm and a cold wall, cut in its middle."""
     tables = chain_tables(6, 4e4, 0.01, left={"temperature": 50.0}, right={"temperature": 0.0})
@@ -61,7 +63,7 @@ def test_conduction_across_a_border():
     assert abs(capacity * np.sum(found - first) - walls) < 1e-12 * capacity * np.sum(first)
 
 
-@pytest.mark.parametrize(("periodic", "axis"), [(True, 0), (False, 1)])
+@pytest.mark.parametrize(("periodic", "axis"), tiered([(True, 0), (False, 1)], first=[(True, 0)]))
 def test_what_closed_cells_held_goes_over_borders(periodic, axis, monkeypatch):
     """Cells between two and all sides of whose borders have closed: what they hold and that in the open cells beside
     them is that of one device, and kept. Without what the neighbours send it is not."""
@@ -104,6 +106,7 @@ def test_what_closed_cells_held_goes_over_borders(periodic, axis, monkeypatch):
     assert apart(expected[1], in_slabs(grid.in_blocks(blocks))[1]) > 1e-3
 
 
+@COMBINATION
 def test_fields_in_a_periodic_stream():
     """Warm fluid and a dye that go round through four slabs, warmed from below."""
     sides = ALONG_X | {"bottom": {"temperature": 330.0}, "top": {"heat_flux": 5.0}}
@@ -202,6 +205,7 @@ def test_a_run_begins_from_one_in_slabs(runs):
     assert np.ptp(states[0][0]) > 20.0
 
 
+@COMBINATION
 def test_a_profiled_run_in_slabs_is_the_same(runs, tmp_path):
     """Fluid, scalars, particles and probes by programs of their own, each over both devices."""
     tables = tables_of_all() | {"time": {"end": 0.02, "output_interval": 0.02}}

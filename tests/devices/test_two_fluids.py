@@ -13,6 +13,7 @@ from jaxdem.fluid.slabs import cells_in_slabs, cells_of_slabs
 from jaxdem.numerics.blocks import Blocks
 from tests.cases.fluid_slabs import ALONG_X, SLABS, places, run_on_slabs
 from tests.cases.slabs import apart
+from tests.cases.tiers import COMBINATION
 
 CHANNEL = {
     "left": {"kind": "inlet", "velocity": 0.1, "level": 0.09, "temperature": 320.0},
@@ -55,7 +56,7 @@ def warm_grains():
 
 @pytest.mark.parametrize(
     ("tables", "number", "axis"),
-    [(warm_grains(), 2, 0), (scene_of([16, 32], ALONG_X), 4, 1)],
+    [(warm_grains(), 2, 0), pytest.param(scene_of([16, 32], ALONG_X), 4, 1, marks=COMBINATION)],
     ids=["warm grains in a channel", "a drop falls"],
 )
 def test_two_fluids_are_those_of_one_device(tables, number, axis):

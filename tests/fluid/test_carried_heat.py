@@ -11,6 +11,7 @@ from jaxdem.fluid.volume_of_fluid import Carrier, advance_fraction
 from jaxdem.particles.regions import ball
 from jaxdem.setup.surface import cells_within
 from tests.cases.heat_in_two_fluids import WATER_AND_AIR, WarmFluids, temperature
+from tests.cases.tiers import COMBINATION
 
 STEP = 0.01
 
@@ -57,7 +58,7 @@ def face_average_of(given, fraction, flux):
     return face_average(grid, given.content(fraction, 1.0))
 
 
-@pytest.mark.parametrize("cells", [(10, 8), (6, 6, 6)])
+@pytest.mark.parametrize("cells", [(10, 8), pytest.param((6, 6, 6), marks=COMBINATION)])
 def test_heat_is_kept_within_bounds_among_grains_that_move(cells):
     """Heat to rounding and no new extrema at any corner of the surface; with another flux there are new ones."""
     grid = Grid(cells, (1.0,) * len(cells), 1.0, (True,) * len(cells))

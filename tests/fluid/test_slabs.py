@@ -15,6 +15,7 @@ from jaxdem.fluid.pressure import fast_inverse
 from jaxdem.fluid.slabs import fluid_of_slabs
 from jaxdem.numerics.blocks import Blocks
 from tests.cases.fluid_slabs import FLUIDS, SAME, SLABS, compared, in_slabs, run_on_slabs, stirred
+from tests.cases.tiers import COMBINATION
 
 INTERVALS = 20
 
@@ -40,12 +41,12 @@ def marched(interval, properties, fluid, number=INTERVALS):
 @pytest.mark.parametrize(
     ("name", "number", "axis"),
     [
-        ("closed", 2, 1),
+        pytest.param("closed", 2, 1, marks=COMBINATION),
         ("jet", 4, 0),
-        ("updraft", 3, 1),
-        ("stream", 2, 0),
-        ("stream", 3, 1),
-        ("jet, 3-D", 2, 0),
+        pytest.param("updraft", 3, 1, marks=COMBINATION),
+        pytest.param("stream", 2, 0, marks=COMBINATION),
+        pytest.param("stream", 3, 1, marks=COMBINATION),
+        pytest.param("jet, 3-D", 2, 0, marks=COMBINATION),
     ],
 )
 def test_fields_and_reports_are_those_of_one_device(name, number, axis):

@@ -7,6 +7,7 @@ import pytest
 from jaxdem.fluid import carried_momentum, two_fluids
 from jaxdem.fluid.grid import face_average
 from jaxdem.fluid.second_fluid import mixture_density
+from tests.cases.tiers import COMBINATION
 from tests.cases.two_fluids import LIQUID, TwoFluids, largest
 
 CLOSED = ("free_slip",) * 4
@@ -120,6 +121,7 @@ def test_liquid_comes_in_below_the_level_of_an_inlet():
     assert np.asarray(found.liquid_supplied)[1:3] == pytest.approx([0.2 * 0.35, -0.2 * 0.35], rel=1e-10)
 
 
+@COMBINATION
 def test_a_drop_in_an_oblique_stream_in_three_dimensions():
     box = TwoFluids((6, 5, 7), (0.6, 0.5, 0.7), ("periodic",) * 6, tension=False)
     middles = [box.middles(axis) - 0.3 for axis in range(3)]

@@ -2,9 +2,10 @@
 
 import pytest
 
-from tests.cases import checked, names
+from tests.cases import checked
+from tests.cases.tiers import cases_of
 
 
-@pytest.mark.parametrize("name", names("gradients"))
+@pytest.mark.parametrize("name", cases_of("gradients"))
 def test_case(name):
     checked(name)

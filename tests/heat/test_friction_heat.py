@@ -10,6 +10,7 @@ from jaxdem import InputError, load_scene
 from jaxdem.run.parts.scalars import heat_balance
 from jaxdem.setup.builder import build_case
 from tests.cases.energy import BOX, MASS, OPTIONS, balance_of, with_tables
+from tests.cases.tiers import tiered
 
 HEAT = {"particle_heat_capacity": 500.0, "particle_temperature": 0.0, "friction": True}
 SHORT = {"end": 0.004, "output_interval": 0.004}
@@ -22,7 +23,10 @@ def warmed(**changes):
     return found, 500.0 * MASS * np.asarray(scalars.grains), float(scalars.supplied.friction)
 
 
-@pytest.mark.parametrize("changes", [{}, OPTIONS["rolling, epsd"] | OPTIONS["plane that oscillates"]])
+MORE = OPTIONS["rolling, epsd"] | OPTIONS["plane that oscillates"]
+
+
+@pytest.mark.parametrize("changes", tiered([{}, MORE], first=[MORE]))
 def test_what_contacts_take_becomes_heat(changes):
     """Kinetic, potential, elastic and thermal energy together change by the work of the walls alone."""
     found, grains, made = warmed(**changes)

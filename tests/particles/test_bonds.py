@@ -22,6 +22,7 @@ from jaxdem.particles.bonds import bond_loads
 from jaxdem.setup.contact_step import contact_step
 from jaxdem.setup.particles import particle_setup
 from tests.cases import bonds as cases
+from tests.cases.tiers import COMBINATION
 
 RADIUS, SPACING = cases.RADIUS, cases.SPACING
 BOND = {"gap": 0.05 * RADIUS, "normal_stiffness": 1e9, "shear_stiffness": 4e8, "damping": 0.2}
@@ -126,6 +127,7 @@ def test_grains_that_do_not_turn_with_the_body_strain_its_bonds(monkeypatch):
     assert abs(held[2]) > 100.0
 
 
+@COMBINATION
 def test_slope_of_the_deflection_by_the_stiffness():
     """A cantilever of two grains: backwards and forwards through the steps, by differences, and the closed form."""
     of, free = cases.strand(3, 2), 2
@@ -174,6 +176,7 @@ def test_slope_of_the_stress_before_the_first_break():
     assert float(slopes[1]) == pytest.approx(bending, rel=1e-8)
 
 
+@COMBINATION
 def test_a_bonded_pair_sinks_in_a_fluid_as_one():
     """A heavy and a light grain, side by side: without the bond the heavy one is ahead."""
     apart = []
@@ -196,6 +199,7 @@ def test_a_bonded_pair_sinks_in_a_fluid_as_one():
     assert apart[0] < 1e-4 < apart[1]
 
 
+@COMBINATION
 def test_single_precision_bends_as_far():
     """A cantilever that sinks by a thousandth of a diameter: the strains are 1e-4 and less."""
     sunk = []
@@ -242,6 +246,7 @@ def test_a_bonded_body_falls_as_one_and_a_weak_one_breaks(lattice):
     assert (np.asarray(later.particles.bonds.status[:-1])[status != INTACT] == status[status != INTACT]).all()
 
 
+@COMBINATION
 def test_bonds_across_periodic_sides(lattice):
     """The same lattice in the middle and across a corner vibrates alike."""
     sides = {side: {"kind": "periodic"} for side in ("left", "right", "bottom", "top")}
@@ -366,6 +371,7 @@ def _opens_in_vtk(run):
     assert [int(status.GetValue(k)) for k in range(12)] == run.bonds(-1)["status"].tolist()
 
 
+@COMBINATION
 def test_bonds_are_made_of_a_pack_that_a_run_has_left(tmp_path):
     """Stages: grains without bonds, then with; the second stage bonds them where they are then."""
     plain = tables_of(domain={"gravity": [0.0, 0.0]}, time={"end": 0.01})
@@ -383,6 +389,7 @@ def test_bonds_are_made_of_a_pack_that_a_run_has_left(tmp_path):
     assert abs(run.bonds(0)["normal_force"]).max() == 0.0
 
 
+@COMBINATION
 def test_the_disc_of_the_example_splits_between_the_plates(tmp_path):
     """With 72 grains: the force of the plate rises, and falls to nearly nothing; bonds break nearer to the middle than
     they lie on average, and no body is left that has most of the grains."""

@@ -28,6 +28,7 @@ from jaxdem.particles.cohesion import (
 from jaxdem.particles.materials import surroundings
 from tests.cases.cohesion import EFFECTIVE_MODULUS, EFFECTIVE_RADIUS, RADIUS, WORK, jkr_radii, two
 from tests.cases.surfaces import flight, grains_scene, plane_mesh, saved
+from tests.cases.tiers import tiered
 from tests.cases.worlds import World, advance, constants, forces, track, world
 
 JKR = {"kind": "jkr", "work_of_adhesion": 0.05}
@@ -157,7 +158,7 @@ OBJECTS = {
 }
 
 
-@pytest.mark.parametrize("kind", OBJECTS)
+@pytest.mark.parametrize("kind", tiered(OBJECTS, first=["jkr", "capillary"]))
 def test_gradients_are_finite_at_touch_and_at_loss(kind):
     """Of where two spheres are after three steps, by start and numbers: apart, exactly touching, at the end of the neck
     or the bridge, at rest."""
@@ -225,7 +226,7 @@ def test_a_tangential_spring_lives_in_the_neck():
         assert abs(spring) == pytest.approx(held * 3e-9, rel=0.02, abs=1e-15)
 
 
-@pytest.mark.parametrize("kind", ["dmt", "sjkr"])
+@pytest.mark.parametrize("kind", tiered(["dmt", "sjkr"], first=["dmt"]))
 def test_a_mesh_pulls_as_a_plane(kind, tmp_path):
     """Grains that fall on a plane of triangles, stick or slide: the same as on a plane wall."""
     path = saved(plane_mesh(10, warp=0.3), tmp_path / "plane.ply")
@@ -302,7 +303,7 @@ def test_check_tells_no_pull_off_force_where_there_is_none():
     assert not check_scene(jaxdem.load_scene(tables)).numbers
 
 
-@pytest.mark.parametrize("kind", ["jkr", "capillary"])
+@pytest.mark.parametrize("kind", tiered(["jkr", "capillary"], first=["capillary"]))
 def test_a_resumed_run_is_the_whole_run_bit_for_bit(kind, tmp_path):
     scene = jaxdem.load_scene(tables_of(KINDS[kind], precision="float32", output={"checkpoint_interval": 0.0}))
     whole = jaxdem.simulate(scene, tmp_path / "whole")

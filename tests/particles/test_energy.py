@@ -1,6 +1,7 @@
 """The balance of energy: closed boxes, what one that is wrong shows, runs, what is refused.
 
-Losses of single impacts against closed forms, and every option in turn, are cases: `tests/cases/energy.py`.
+Losses of single impacts against closed forms, which tests/physics/test_contact_cases.py runs, and every option in turn
+are cases: `tests/cases/energy.py`.
 """
 
 from __future__ import annotations
@@ -21,9 +22,9 @@ from jaxdem.particle_step import stored
 from jaxdem.particles.stored_energy import StoredEnergy
 from jaxdem.run.parts.energy import balance, taken
 from jaxdem.run.parts.springs import is_plain, springs_of
-from tests.cases import checked
 from tests.cases.energy import BOX, OPTIONS, SHAKE, balance_of, in_space, tilted, with_tables
 from tests.cases.energy_of_bodies import BODIES, gate, lid, through
+from tests.cases.tiers import COMBINATION, tiered
 
 TOGETHER = {
     "walls, epsd and JKR": with_tables(
@@ -38,7 +39,7 @@ TOGETHER = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", TOGETHER)
+@pytest.mark.parametrize("name", tiered(TOGETHER, first=["walls, epsd and JKR"]))
 def test_a_closed_box_keeps_its_energy(name):
     """1e-6 of what is turned over; without the error of the springs' step to rounding."""
     found = balance_of(TOGETHER[name])
@@ -64,7 +65,10 @@ NEEDED = {"bonds that break": ("dissipated", "breaking", 1e-2), "a gate that goe
 """Parts without which the balance would be off by more than so much of what is turned over."""
 
 
-@pytest.mark.parametrize("name", CLOSED)
+FIRST = ("rods, rolling, DMT and a plane that comes", "bonds that break", "grains that come and go")
+
+
+@pytest.mark.parametrize("name", tiered(CLOSED, first=FIRST))
 def test_bodies_bonds_and_what_comes_and_goes(name):
     found = balance_of(CLOSED[name])
     turned_over = found["gained"] / found["gained_relative"]
@@ -121,11 +125,6 @@ def test_a_balance_without_the_dashpots_of_walls_does_not_close(monkeypatch):
 
     monkeypatch.setattr(kernel, "work_of_contacts", careless)
     assert abs(balance_of(with_tables(BOX, contact={"time_step": 1e-5}))["gained_relative"]) > 0.02
-
-
-@pytest.mark.parametrize("name", ["energy: what an impact takes", "energy: a wall that pushes"])
-def test_losses_and_works_of_closed_form(name):
-    checked(name)
 
 
 def scene_of(**changes):
@@ -192,7 +191,7 @@ PLAIN = {
 }
 
 
-@pytest.mark.parametrize("name", PLAIN)
+@pytest.mark.parametrize("name", tiered(PLAIN, first=["in the plane"]))
 def test_springs_by_numpy_are_those_of_the_program(name):
     tables = with_tables(PLAIN[name], time={"end": 2e-4, "output_interval": 2e-4})
     simulation, parameters = jaxdem.build(scene := jaxdem.load_scene(tables))
@@ -241,6 +240,7 @@ def test_gradients_pass_through_a_step_with_the_balance():
     assert np.isfinite(slope) and slope < 0.0
 
 
+@COMBINATION
 def test_slopes_of_what_rods_lose_on_a_mesh():
     """Reverse mode through clumps, triangles and the balance at once; the largest part of the time is compiling it."""
     falling = {

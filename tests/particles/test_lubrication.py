@@ -1,7 +1,7 @@
 """Lubrication in scenes: what is refused, the fluid's viscosity, space and walls, gradients, limits.
 
-Forces, impacts and friction against closed forms are cases: `tests/cases/lubrication.py`. That a run with a liquid is
-resumed bit for bit is in `test_energy.py`.
+Forces, impacts and friction against closed forms are cases, `tests/cases/lubrication.py`, which
+tests/physics/test_contact_cases.py runs. That a run with a liquid is resumed bit for bit is in `test_energy.py`.
 """
 
 from __future__ import annotations
@@ -18,22 +18,12 @@ from jaxdem.check.check import check_scene
 from jaxdem.errors import InputError
 from jaxdem.particles.loop import contact_interval
 from jaxdem.particles.materials import surroundings
-from tests.cases import checked
 from tests.cases.energy import BOX, DENSITY, MASS, RADIUS, balance_of, in_space, tilted, with_tables
 from tests.cases.surfaces import plane_mesh, saved
 
 FILM = {"cutoff": 2e-4, "roughness": 2e-6, "viscosity": 2e-3}
 WET = FILM | {"wet_friction": 0.05, "sommerfeld_number": 1e-3}
 GRAINS = with_tables(BOX, contact={"time_step": 5e-6, "lubrication": FILM})
-
-
-@pytest.mark.parametrize("name", [
-    "lubrication: 6 pi mu R*^2 v / h", "lubrication: impacts through a liquid",
-    "lubrication: wet restitution over the Stokes number", "lubrication: a steel ball that bounces in oil",
-    "friction by the Sommerfeld number",
-])  # fmt: skip
-def test_closed_forms(name):
-    checked(name)
 
 
 def film(**changes):

@@ -19,6 +19,7 @@ from jaxdem.particles.materials import surroundings
 from jaxdem.run.restart import from_arrays, to_arrays
 from jaxdem.setup.builder import build_case
 from tests.cases.surfaces import flight, grains_scene, pipe_mesh, plane_mesh, saved
+from tests.cases.tiers import COMBINATION, tiered
 
 HEIGHT = 0.3
 PLANE = {"kind": "plane", "point": [0.0, 0.0, HEIGHT], "normal": [0.0, 0.0, 1.0]}
@@ -48,7 +49,8 @@ def planes(tmp_path_factory):
 
 
 @pytest.mark.parametrize(
-    ("precision", "within", "triangles"), [("float64", 1e-12, (2, 20000)), ("float32", 1e-6, (200,))]
+    ("precision", "within", "triangles"),
+    [("float64", 1e-12, (2, 20000)), pytest.param("float32", 1e-6, (200,), marks=COMBINATION)],
 )
 def test_a_plane_of_triangles_is_a_plane(planes, precision, within, triangles):
     """Impact, sliding and rolling over edges and corners in all directions."""
@@ -76,7 +78,7 @@ def test_a_plane_of_triangles_that_moves_is_a_plane_that_moves(planes):
     assert np.abs(still.position - expected.position).max() > 1e-3
 
 
-@pytest.mark.parametrize("model", ["epsd", "cdt"])
+@pytest.mark.parametrize("model", tiered(["epsd", "cdt"], first=["epsd"]))
 def test_a_turning_plane_of_triangles_resists_rolling_as_a_turning_plane(planes, model):
     """Rolling resistance is against the spin of the wall; one against the spin in the box would brake the grains."""
     motion = [{"kind": "rotation", "axis": [0.6, 0.8, 0.0], "center": [0.5, 0.5, HEIGHT], "rate": 0.5}]
@@ -156,7 +158,7 @@ def held(path, places, **given):
     return found, found / np.linalg.norm(found, axis=1)[:, None]
 
 
-@pytest.mark.parametrize("smooth_angle", [1.0, 5.0])
+@pytest.mark.parametrize("smooth_angle", tiered([1.0, 5.0], first=[1.0]))
 def test_a_wedge_of_triangles_is_a_wedge(tmp_path, smooth_angle):
     """A concave edge of 90 degrees: two contacts, and the statics of the wedge: each side bears W / sqrt 2."""
     points = [[0.1, 0.9], [0.5, 0.5], [0.9, 0.9]]
@@ -173,7 +175,7 @@ def test_a_wedge_of_triangles_is_a_wedge(tmp_path, smooth_angle):
     assert of_mesh.force[-1, 0] == pytest.approx([0.0, weight], abs=1e-3 * weight)
 
 
-@pytest.mark.parametrize("sides", [12, 48])
+@pytest.mark.parametrize("sides", tiered([12, 48], first=[12]))
 def test_a_grain_rests_in_a_pipe_of_flat_sides(tmp_path, sides):
     """As deep as in the cylinder, within R (1 - cos(pi / n)): on a side, and rolling it finds one contact."""
     radius = 0.4

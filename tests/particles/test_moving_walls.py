@@ -14,6 +14,7 @@ from jaxdem.check.check import check_scene
 from jaxdem.errors import InputError, RunError
 from jaxdem.run.differentiable import rollout
 from tests.cases.moving_walls import grain, on_belt, path, pressed
+from tests.cases.tiers import COMBINATION
 
 WEDGE = {"kind": "wedge", "apex": [0.2, 0.1], "directions": [[1.0, 0.6], [-1.0, 0.8]]}
 GRAINS = {
@@ -125,6 +126,7 @@ def test_the_wall_pulls_by_its_velocity():
     np.testing.assert_allclose(dragged.load.mass[1:], mass, rtol=1e-5)
 
 
+@COMBINATION
 def test_single_precision_follows_double():
     """A wedge that shakes and turns. Velocities in one float alone are worth 6e-7 m in the free flight before."""
     motions = (
@@ -196,6 +198,7 @@ def state_of(folder):
     return read_checkpoint(folder / "checkpoint.h5")[0]
 
 
+@COMBINATION
 def test_a_run_goes_on_bit_for_bit(tmp_path):
     whole, half, staged = (tmp_path / name for name in ("whole", "half", "staged"))
     jaxdem.simulate(jaxdem.load_scene(piston_tables()), whole)
@@ -231,6 +234,7 @@ def test_a_wall_faster_than_a_diameter_an_interval_is_met():
     np.testing.assert_allclose(path(tables).velocity[-1, 0], [0.0, 8.0], rtol=2e-3, atol=1e-12)
 
 
+@COMBINATION
 def test_a_wall_that_moves_and_vanishes():
     """A belt that is there until t drags until then."""
     tables = on_belt(2)

@@ -8,6 +8,7 @@ import jaxdem
 from jaxdem.check.check import check_scene
 from jaxdem.check.unit_warnings import unit_warnings
 from jaxdem.closures import DRAG_LAWS
+from tests.cases.tiers import tiered
 
 RADIUS = 1e-3
 OPEN = {"boundary": {"top": {"kind": "outlet"}}}
@@ -58,7 +59,7 @@ def crowd(dimension, ratio, law):
     }
 
 
-@pytest.mark.parametrize("dimension, law", [(2, "hertz"), (3, "hertz"), (2, "linear")])
+@pytest.mark.parametrize("dimension, law", tiered([(2, "hertz"), (3, "hertz"), (2, "linear")], first=[(2, "hertz")]))
 def test_contacts_are_those_of_the_grains_in_a_larger_world(dimension, law):
     """Dimensional analysis: with lengths and times l times as large, and velocities, moduli and densities as they are,
     l x(t) and w(t)/l are the motion; overlap over diameter and restitution with it. Stresses are equal."""
@@ -192,7 +193,7 @@ def test_a_warning_about_the_radius_is_about_that_of_the_scene(radius, warnings)
     assert all("particles.radius = 0.3 m: this is a grain of 0.6 m" in text for text in found)
 
 
-@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("dimension", tiered([2, 3], first=[2]))
 def test_the_contact_force_in_the_history_is_that_of_a_grain(dimension, tmp_path):
     """A parcel at rest on the floor: each of its grains is carried by its own weight."""
     weight = 4.0 / 3.0 * np.pi * RADIUS**3 * 2500.0 * 9.81

@@ -18,6 +18,7 @@ from jaxdem.particles.neighbors import NeighborGeometry, Room, RowRoom
 from jaxdem.particles.pairs import sum_over_pairs
 from jaxdem.particles.size_levels import LevelTables, SizeLevels
 from jaxdem.run.restart import from_arrays, to_arrays
+from tests.cases.tiers import COMBINATION, tiered
 from tests.cases.worlds import advance, constants, track, world
 
 COUNT, GAP, SKIN, LARGEST = 120, 0.002, 0.04, 0.12
@@ -67,8 +68,10 @@ def listed(neighbors):
     return [(int(i), int(j)) for i, j in zip(first, second, strict=True) if i != j]
 
 
-@pytest.mark.parametrize("dimension", [2, 3])
-@pytest.mark.parametrize("ratio", [1.0, 10.0, 50.0])
+PAIRS_OF = [(ratio, dimension) for ratio in (1.0, 10.0, 50.0) for dimension in (2, 3)]
+
+
+@pytest.mark.parametrize(("ratio", "dimension"), tiered(PAIRS_OF, first=[(10.0, 2), (50.0, 3)]))
 def test_pairs_are_those_of_brute_force(dimension, ratio):
     """Each once, with a cohesion's longer reach; and what a particle gathers is of its own pairs.
 
@@ -167,6 +170,7 @@ def test_motion_is_that_of_all_pairs():
     assert Room.of(room.numbers) == room
 
 
+@COMBINATION
 def test_slope_by_the_stiffness_is_that_of_a_small_change():
     """In reverse mode through rebuilds of the list; weights, because momentum keeps the mean place."""
     scene = gas([0.002, 0.008, 0.014])

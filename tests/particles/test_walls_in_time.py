@@ -29,6 +29,7 @@ from jaxdem.particle_step import renewed_particles
 from jaxdem.particles.contact import ContactForce
 from jaxdem.particles.wall_times import WallInTime, WallTimes
 from jaxdem.run.time_loop import Interrupted
+from tests.cases.tiers import COMBINATION
 from tests.physics.test_shipped_program import COMPILER
 
 INTERVAL, OPENED, AFTER = 0.005, 0.03, 24
@@ -135,6 +136,7 @@ def test_a_gate_that_vanishes_is_a_gate_taken_away_by_hand():
     assert ((x - GATE["point"]) @ normal).min() < 0.0, "a grain has passed the place of the gate"
 
 
+@COMBINATION
 def test_it_is_so_bit_for_bit_in_the_programs_that_users_have():
     """In a process of its own: as the tests compile, rounding differs from program to program."""
     root = Path(__file__).parents[2]
@@ -148,6 +150,7 @@ def test_it_is_so_bit_for_bit_in_the_programs_that_users_have():
     assert done.returncode == 0, done.stderr
 
 
+@COMBINATION
 def test_a_run_that_is_resumed_across_the_end_of_a_wall_is_the_same(tmp_path):
     """Stopped while the gate is there, with grains that lean on it: the history and all frames to the bit."""
     scene = jaxdem.load_scene(tables(SLOPE, GATE | {"end": OPENED}, time={"end": 0.05, "output_interval": 0.01}))

@@ -10,6 +10,7 @@ import pytest
 import jaxdem
 from jaxdem.particles import tangent
 from jaxdem.particles.rolling import ConstantDirectionalTorque
+from tests.cases.tiers import tiered
 from tests.cases.worlds import batch, constants, track, world
 
 RADIUS, DENSITY, MODULUS, POISSON, GRAVITY = 0.01, 2500.0, 1e7, 0.3, 9.81
@@ -79,7 +80,7 @@ def test_rolling_comes_to_rest_without_chatter(rolling):
     assert np.abs(spin[1][-5:]).max() < 1e-3 * SPEED / RADIUS
 
 
-@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("dimension", tiered([2, 3], first=[3]))
 @pytest.mark.parametrize("friction", [0.0, 0.5])
 def test_a_sphere_in_a_corner_comes_to_rest(dimension, friction):
     """Two or three walls press on it, each with a torque that would stop it; together they must not turn it the other

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from jaxdem.particles.rolling import ConstantDirectionalTorque, ElasticPlasticSpringDashpot
+from tests.cases.tiers import tiered
 from tests.cases.worlds import batch, constants, track, world
 
 RADIUS, DENSITY, MODULUS, POISSON, GRAVITY = 0.01, 2500.0, 1e7, 0.3, 9.81
@@ -43,7 +44,7 @@ def stiffness(slope):
     return 8 * SHEAR * np.sqrt(RADIUS * overlap), rolling, RADIUS - 0.5 * overlap
 
 
-@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("dimension", tiered([2, 3], first=[3]))
 def test_rests_on_a_slope_below_its_limit(dimension):
     """tan(a) = 0.08 and 0.18 < mu_r = 0.2: at rest, displaced by both springs, m g_t (1/S_t + arm^2/k_r).
 

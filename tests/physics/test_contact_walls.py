@@ -9,6 +9,7 @@ import pytest
 
 from jaxdem.particles.rolling import ConstantDirectionalTorque
 from jaxdem.particles.surfaces import Cylinder, DistanceFunction, Plane, wedge
+from tests.cases.tiers import tiered
 from tests.cases.worlds import advance, batch, constants, track, world
 
 RADIUS, DENSITY, MODULUS, POISSON, GRAVITY = 0.01, 2500.0, 1e7, 0.3, 9.81
@@ -96,7 +97,7 @@ def test_a_sphere_slides_above_the_friction_angle(inclined):
 TUBE = 0.1
 
 
-@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("dimension", tiered([2, 3], first=[3]))
 def test_a_sphere_rolls_to_and_fro_in_a_tube(dimension):
     """T = 2 pi sqrt(7 (R - r) / (5 g)) for small angles, rolling without slip.
 

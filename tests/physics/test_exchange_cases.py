@@ -2,9 +2,10 @@
 
 import pytest
 
-from tests.cases import checked, names
+from tests.cases import checked
+from tests.cases.tiers import cases_of
 
 
-@pytest.mark.parametrize("name", names("exchange"))
+@pytest.mark.parametrize("name", cases_of("exchange"))
 def test_case(name):
     checked(name)

@@ -2,11 +2,12 @@
 
 import pytest
 
-from tests.cases import checked, names
+from tests.cases import checked
+from tests.cases.tiers import cases_of
 
 pytestmark = pytest.mark.long_runs
 
 
-@pytest.mark.parametrize("name", names("moving walls"))
+@pytest.mark.parametrize("name", cases_of("moving walls"))
 def test_case(name):
     checked(name)

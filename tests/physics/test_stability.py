@@ -11,6 +11,7 @@ from jaxdem.scene.shapes import Shape
 from jaxdem.setup.shapes import template
 from jaxdem.setup.stability import LinearContact, contact_stability_limit
 from tests.cases import extremes, stability, surface_stability
+from tests.cases.tiers import COMBINATION, tiered
 
 SMOOTH = LinearContact(3.0, 0.0, 0.0, 0.0)
 ROUGH = LinearContact(3.0, 2.5, 0.0, 0.0)
@@ -44,19 +45,24 @@ def test_dashpots_lower_the_limit(ratio):
     assert limit * math.sqrt(3.0) == pytest.approx(expected, rel=1e-9)
 
 
-@pytest.mark.parametrize("material", ["e = 1, mu = 10", "e = 0, mu = 10"])
-@pytest.mark.parametrize("name", ["pair", "hexagonal pack"])
+LIMITS = [(name, material) for name in ("pair", "hexagonal pack") for material in ("e = 1, mu = 10", "e = 0, mu = 10")]
+
+
+@pytest.mark.parametrize(("name", "material"), tiered(LIMITS, first=[LIMITS[0], LIMITS[3]]))
 def test_predicted_contact_limit_is_safe_and_within_a_factor_of_two(name, material):
     row = stability.contact_limit(name, material)
     # The trial resolves 1.2 %: the largest stable step lies between the one found and the next.
     assert 0.5 <= row.ratio <= 1.012
 
 
-@pytest.mark.parametrize(("name", "least"), [("pair", 0.98), ("square lattice of 5 x 5", 0.5)])
+@pytest.mark.parametrize(
+    ("name", "least"), tiered([("pair", 0.98), ("square lattice of 5 x 5", 0.5)], first=[("pair", 0.98)])
+)
 def test_predicted_limit_of_bonds_is_exact_for_a_pair_and_safe_for_a_lattice(name, least):
     assert least <= stability.bond_limit_of(name, 0.4, 0.0).ratio <= 1.012
 
 
+@COMBINATION
 def test_predicted_limit_of_smooth_rods_in_the_dips_of_each_other():
     """Five contacts along nearly one line: by the surface of a rod alone the step would be 31 % too long."""
     assert 0.5 <= stability.contact_limit("two rods, each member between two", "e = 1, mu = 0").ratio <= 1.012
@@ -107,9 +113,10 @@ def test_what_cannot_work_is_refused_before_the_first_step(name, words):
         assert word in row.message
 
 
-@pytest.mark.parametrize(
-    "name", ["drag: stokes 1e-06", "drag: stokes 1e+03", "restitution, friction: e = 0, mu = 10", "surface: corner"]
-)
+EXTREME = ["drag: stokes 1e-06", "drag: stokes 1e+03", "restitution, friction: e = 0, mu = 10", "surface: corner"]
+
+
+@pytest.mark.parametrize("name", tiered(EXTREME, first=EXTREME[:1]))
 def test_extreme_rows_end_sound(name):
     """Energy bounded by what there was to get, volume and momentum to round-off."""
     row = ROWS[name]()
