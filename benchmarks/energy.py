@@ -28,6 +28,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "plain": {},
     "output.energy": {"output": {"energy": True}},
     "lubrication": {"contact": {"lubrication": LIQUID}},
+    "lubrication, shear = false": {"contact": {"lubrication": LIQUID | {"shear": False}}},
 }
 
 

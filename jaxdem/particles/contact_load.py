@@ -19,6 +19,7 @@ from jaxdem.particles.cohesion import TOUCHING, Attraction, Gap
 from jaxdem.particles.contact import Contact, ContactForce, ContactMaterial, StoringLaw
 from jaxdem.particles.contact_pair import ContactLoad, ContactPair, LoadParts
 from jaxdem.particles.contact_step import ContactStep
+from jaxdem.particles.film_load import FilmLoad, film_load
 from jaxdem.particles.lubrication import wet_friction
 from jaxdem.particles.rolling import Rotation
 
@@ -50,8 +51,6 @@ def _law(step: ContactStep, material: ContactMaterial, pair: ContactPair, spring
     adhesion = None
     if attraction is not None:
         along, adhesion = _pulled(step, result, attraction, share, approach_speed)
-    if step.model.lubrication is not None:
-        along = along + _lubricated(step, material, pair, approach_speed)
     across = vectors.where(share > 0, result.tangential, 0.0)
     resistance: Vector = ()
     rolled: Vector = ()
@@ -63,10 +62,20 @@ def _law(step: ContactStep, material: ContactMaterial, pair: ContactPair, spring
     springs = vectors.where(touching, (*result.spring, *rolled), 0.0)
     if attraction is not None:
         springs = (*springs, *attraction.kept)
-    load = ContactLoad(along, across, resistance, springs, adhesion)
-    if not step.model.energy or (attraction is None and step.model.lubrication is None):
+    load, parts = ContactLoad(along, across, resistance, springs, adhesion), None
+    film = None if step.model.lubrication is None else film_load(step, material, pair)
+    if step.model.energy and not (attraction is None and film is None):
+        parts = _parts(step, contact, result, material, load, pair, attraction, film)
+    return (load if film is None else _with_film(load, film))._replace(parts=parts)
+
+
+def _with_film(load: ContactLoad, film: FilmLoad) -> ContactLoad:
+    """What a contact and the liquid in its gap do."""
+    load = load._replace(along=load.along + film.along)
+    if not film.across:
         return load
-    return load._replace(parts=_parts(step, contact, result, material, load, pair, attraction))
+    resistance = vectors.add(load.resistance, film.resistance) if load.resistance else film.resistance
+    return load._replace(across=vectors.add(load.across, film.across), resistance=resistance)
 
 
 class _Meeting(NamedTuple):
@@ -135,27 +144,22 @@ def _parts(
     load: ContactLoad,
     pair: ContactPair,
     attraction: Attraction | None,
+    film: FilmLoad | None,
 ) -> LoadParts:
-    """What of a load takes energy out of the motion."""
+    """What of a load, without that of the film, and of the film takes energy out of the motion."""
     law, approach_speed = step.model.law, -vectors.dot(pair.approach, pair.normal)
     if not isinstance(law, StoringLaw):  # refused before
         raise TypeError("the contact law does not say what its springs store")
     liquid = jnp.zeros_like(load.along)
     if attraction is not None and attraction.damping is not None:
         liquid = liquid + attraction.damping * approach_speed
-    if step.model.lubrication is not None:
-        liquid = liquid + _lubricated(step, material, pair, approach_speed)
+    if film is not None:
+        liquid = liquid + film.along
     stiffness = law.tangential_stiffness(contact.overlap, contact.effective_radius, material)
     kept = load.spring[: len(load.across)]
     dashpot = jnp.broadcast_to(result.normal - result.elastic, load.along.shape)
-    return LoadParts(dashpot, liquid, vectors.add_scaled(load.across, stiffness, kept))
-
-
-def _lubricated(step: ContactStep, material: ContactMaterial, pair: ContactPair, approach_speed: Array) -> Array:
-    """Force of the liquid in the gap along the normal [N]."""
-    film, constants = required(step.model.lubrication, "lubrication"), required(material.lubrication, "lubrication")
-    radius = pair.effective_radius
-    return film.damping(pair.overlap, approach_speed, radius, step.time_step, constants) * approach_speed
+    sheared = None if film is None or not film.across else (film.across, film.resistance)
+    return LoadParts(dashpot, liquid, vectors.add_scaled(load.across, stiffness, kept), sheared)
 
 
 def _wetted(step: ContactStep, contact: Contact, material: ContactMaterial) -> ContactMaterial:

@@ -48,11 +48,13 @@ class LoadParts(NamedTuple):
         dashpot: of the law, along the normal [N].
         liquid: of bridges and films against approach and parting, along the normal; None without [N].
         across: of the law's tangential dashpot, in the contact plane: what is not of the spring [N].
+        film: force in the contact plane [N] and torque against rolling [N m] of a film; None without.
     """
 
     dashpot: Array
     liquid: Array | None
     across: Vector
+    film: tuple[Vector, Vector] | None = None
 
 
 class ContactLoad(NamedTuple):

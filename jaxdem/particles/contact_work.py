@@ -82,14 +82,20 @@ def work_of_contacts(
     conservative = load.along - parts.dashpot
     if parts.liquid is not None:
         conservative = conservative - parts.liquid
+    liquid = None if parts.liquid is None else parts.liquid * approach
+    across, resistance = load.across, load.resistance
+    if parts.film is not None:
+        sheared = vectors.dot(parts.film[0], slip) + vectors.dot(parts.film[1], relative_spin)
+        liquid = required(liquid, "liquid") - sheared
+        across, resistance = vectors.subtract(across, parts.film[0]), vectors.subtract(resistance, parts.film[1])
     power = ContactWork(
         damping=parts.dashpot * approach,
-        tangential=-vectors.dot(load.across, slip),
+        tangential=-vectors.dot(across, slip),
         tangential_damping=-vectors.dot(parts.across, slip),
         conservative=-conservative * approach,
         walls=None if pair.other_spin is not None else _power_of_wall(found, before, half_of_wall),
-        liquid=None if parts.liquid is None else parts.liquid * approach,
-        rolling=-vectors.dot(load.resistance, relative_spin) if load.resistance else None,
+        liquid=liquid,
+        rolling=None if model.rolling is None else -vectors.dot(resistance, relative_spin),
     )
     work: ContactWork = jax.tree.map(lambda x: time_step * x, power)
     if found.memory and model.cohesion is not None:

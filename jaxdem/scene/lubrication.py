@@ -17,6 +17,7 @@ class Lubrication(Section):
         cutoff: gap beyond which nothing acts; at most half of the smallest radius [m].
         roughness: gap below which the resistance grows no more: the height of the bumps that touch first [m].
         viscosity: dynamic viscosity of the liquid. Default: that of the scene's fluid [Pa s].
+        shear: whether the liquid in the gap also resists sliding and rolling; without it approach and parting alone.
         wet_friction: coefficient of friction of particles that a film keeps apart. Default: that of dry ones [-].
         sommerfeld_number: viscosity times speed of slip times effective radius over the normal force, at which friction
             has gone two thirds (1 - 1/e) of the way from dry to wet; needed by `wet_friction` [-].
@@ -25,6 +26,7 @@ class Lubrication(Section):
     cutoff: Positive
     roughness: Positive
     viscosity: Positive | None = None
+    shear: bool = True
     wet_friction: NonNegative | None = None
     sommerfeld_number: Positive | None = None
 

@@ -104,7 +104,7 @@ def contact_interval(
         ),
         lists=len(particles.meshes),
         bonds=None if particles.bonds is None else Bonding(scene.domain.size, scene.periodic),
-        lubrication=None if film is None else Lubrication(),
+        lubrication=None if film is None else Lubrication(film.shear),
         wet_friction=film is not None and film.wet_friction is not None,
         energy=scene.output.energy or rubs,
         heats=rubs,

@@ -11,7 +11,7 @@ from jaxdem.setup import stability
 from jaxdem.setup.bond_stability import bond_growth
 from jaxdem.setup.cohesion import Pair, bridge_volume, strongest
 from jaxdem.setup.contact_bodies import ContactBody, ContactConstants, crowding, worst_constants
-from jaxdem.setup.lubrication import largest_resistance
+from jaxdem.setup.lubrication import largest_resistance, largest_shear
 from jaxdem.setup.particles import ParticleSetup
 
 
@@ -54,7 +54,10 @@ def contact_stability(
 
     def with_film(contact: stability.LinearContact, radius: float) -> stability.LinearContact:
         """Bodies that press each other have no film between them, but their neighbours may."""
-        return contact._replace(normal_damping=contact.normal_damping + largest_resistance(particles, radius))
+        return contact._replace(
+            normal_damping=contact.normal_damping + largest_resistance(particles, radius),
+            tangential_damping=contact.tangential_damping + largest_shear(particles, radius, small),
+        )
 
     of_pair, of_wall = (worst_constants(particles, wall) for wall in (False, True))
     pair_depth = depth(0.5 * heavy, 0.5 * small, of_pair.modulus, wall=False)

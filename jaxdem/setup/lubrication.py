@@ -7,6 +7,8 @@ import math
 from collections.abc import Sequence
 
 from jaxdem.errors import InputError, required
+from jaxdem.particles.lubrication import ROLLING_SHARE
+from jaxdem.scene.lubrication import Lubrication
 from jaxdem.setup.contact_bodies import ContactBody, effective
 from jaxdem.setup.particles import ParticleSetup
 
@@ -32,13 +34,32 @@ def lubrication_reach(particles: ParticleSetup) -> float:
 
 def largest_resistance(particles: ParticleSetup, radius: float) -> float:
     """6 pi mu R*^2 / roughness of two bodies with R* [N s/m]; 0 without lubrication."""
-    table, fluid = particles.contact.lubrication, particles.scene.fluid
-    if table is None:
+    table = particles.contact.lubrication
+    return 0.0 if table is None else 6.0 * math.pi * _viscosity(particles, table) * radius**2 / table.roughness
+
+
+def largest_shear(particles: ParticleSetup, radius: float, smaller: float) -> float:
+    """Dashpot across a contact that has the effect of the film on the stable step at most [N s/m].
+
+    Rolling, d = lever (w1 - w2) - skew s with |skew| <= 1, has a sign of its own: with |a + b|^2 <= 2 |a|^2 + 2 |b|^2
+    its resistance counts twice as one against sliding.
+
+    Args:
+        particles: of the scene.
+        radius: R* [m].
+        smaller: of the two radii [m].
+    """
+    table = particles.contact.lubrication
+    if table is None or not table.shear:
         return 0.0
-    viscosity = table.viscosity
-    if viscosity is None:
-        viscosity = required(fluid, "fluid").density * required(fluid, "fluid").viscosity
-    return 6.0 * math.pi * viscosity * radius**2 / table.roughness
+    sliding = 2.0 * math.pi * _viscosity(particles, table) * radius * math.log(smaller / table.roughness)
+    return (1.0 + 2.0 * ROLLING_SHARE) * sliding
+
+
+def _viscosity(particles: ParticleSetup, table: Lubrication) -> float:
+    """Dynamic, of the liquid [Pa s]."""
+    fluid = particles.scene.fluid
+    return table.viscosity or required(fluid, "fluid").density * required(fluid, "fluid").viscosity
 
 
 def lubrication_time(particles: ParticleSetup, bodies: Sequence[ContactBody]) -> float:

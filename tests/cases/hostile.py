@@ -442,7 +442,8 @@ LUBRICATED: Tables = {
     "domain": {"size": [0.2, 0.2]},
     "particles": {"radius": 0.01, "density": 2650.0, "position": [[0.05, 0.02], [0.1, 0.1]]},
     "contact": {"young_modulus": 5e6, "speed": 3.0, "friction": 0.4, "lubrication": {
-        "cutoff": 1e-3, "roughness": 1e-5, "viscosity": 1e-3, "wet_friction": 0.1, "sommerfeld_number": 1e-3}},
+        "cutoff": 1e-3, "roughness": 1e-5, "viscosity": 1e-3, "shear": True,
+        "wet_friction": 0.1, "sommerfeld_number": 1e-3}},
     "time": {"end": 0.02, "output_interval": 0.01},
 }  # fmt: skip
 """Grains in a film of liquid."""

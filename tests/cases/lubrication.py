@@ -6,6 +6,7 @@ import functools
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import jax
@@ -13,6 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxdem
+from jaxdem.particles.contact_pair import ContactLoad, ContactPair, on_bodies
+from jaxdem.particles.film_load import film_load
 from jaxdem.particles.lubrication import Lubrication, LubricationConstants, wet_friction
 from tests.cases.energy import BOX, MASS, RADIUS, balance_of, ball_on_wall, with_tables
 from tests.cases.registry import Figure, absolute, at_least, below, case, relative
@@ -88,6 +91,162 @@ def force() -> list[Figure]:
         below("beyond the cut-off", damping(1.01e-4, 1e-3, 1e-7), 0.0, "N s/m"),
         relative("mean over a long step", unit * swept, damping(2.5e-5, 1.0, 5e-5), 1e-12, "N s/m"),
     ]
+
+
+def _sheared(pair: ContactPair) -> tuple[Any, Any, Any]:
+    """Force on the one of two bodies, and torque on either, by the film between them (`LIQUID`)."""
+    constants = LubricationConstants(*(jnp.asarray(LIQUID[k]) for k in ("viscosity", "roughness", "cutoff")))
+    step: Any = SimpleNamespace(model=SimpleNamespace(lubrication=Lubrication()), time_step=jnp.asarray(1e-12))
+    film = film_load(step, SimpleNamespace(lubrication=constants), pair)  # type: ignore[arg-type]
+    return on_bodies(ContactLoad(film.along, film.across, film.resistance, ()), pair)
+
+
+_sheared_jit = jax.jit(_sheared)
+
+
+def sheared(
+    radii: tuple[float, float | None], gap: float, normal: Any, velocity: Any, spins: tuple[Any, Any]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The same of bodies that move like this; a second radius of None is a plane, whose spin is the second one.
+
+    Args:
+        radii: of both [m].
+        gap: between them [m].
+        normal: (D,) unit vector to the first.
+        velocity: (D,) of the first against the second [m/s]; of a plane at the place of the contact.
+        spins: (A,) each [rad/s].
+    """
+    one, other = radii
+
+    def vector(values: Any) -> tuple[Any, ...]:
+        return tuple(jnp.full((1,), x) for x in values)
+
+    first, second = jnp.full((1,), one), jnp.zeros((1,)) if other is None else jnp.full((1,), other)
+    effective = one if other is None else one * other / (one + other)
+    plane = other is None
+    pair = ContactPair(
+        jnp.full((1,), -gap), vector(normal), vector(velocity), vector(velocity), vector(spins[0]),
+        None if plane else vector(spins[1]), first, second, jnp.full((1,), effective), first, first,
+        vector(spins[1]) if plane else None,
+    )  # fmt: skip
+    force, torque, opposite = _sheared_jit(pair)
+    found = (np.array([float(x[0]) for x in part]) for part in (force, torque, opposite))
+    return next(found), next(found), next(found)
+
+
+@case("lubrication: sliding and rolling", "contact", "Jeffrey & Onishi 1984; Goldman et al. 1967")
+def shear() -> list[Figure]:
+    """The terms with ln(1/h) of two spheres and of one at a plane; what they must not do; in space and in the plane.
+
+    Of two spheres with radii a and b = k a, all over mu ln(1/h): 6 pi a 4 k (2 + k + 2 k^2)/(15 (1 + k)^3) is force
+    over velocity, 4 pi a^2 k (4 + k)/(5 (1 + k)^2) torque over velocity and force over spin, 16 pi a^3 k/(5 (1 + k))
+    torque over the own spin and 4 pi a^3 k^2/(5 (1 + k)) over that of the other.
+    """
+    generator, a, viscosity = np.random.default_rng(3), 1e-2, LIQUID["viscosity"]
+    largest, turning, moment, power = 0.0, 0.0, 0.0, math.inf
+    for ratio in (1.0, 0.3, 4.0, 30.0):
+        b, gap = ratio * a, 2e-6
+        normal = generator.normal(size=3)
+        normal /= np.linalg.norm(normal)
+        velocity, *spins = generator.normal(size=(3, 3)) * np.array([[0.1], [100.0], [100.0]])
+        velocity -= normal * (velocity @ normal)
+        spins[1] /= ratio
+        force, *torques = sheared((a, b), gap, normal, velocity, (spins[0], spins[1]))
+
+        def twist(k: float, r: float) -> float:
+            return 4.0 * math.pi * r**2 * k * (4.0 + k) / (5.0 * (1.0 + k) ** 2)
+
+        def own(k: float, r: float) -> float:
+            return 16.0 * math.pi * r**3 * k / (5.0 * (1.0 + k))
+
+        log = viscosity * math.log(min(a, b) / gap)
+        slide = 8.0 * math.pi * a * ratio * (2.0 + ratio + 2.0 * ratio**2) / (5.0 * (1.0 + ratio) ** 3)
+        twists, other = (
+            (twist(ratio, a), twist(1.0 / ratio, b)),
+            4.0 * math.pi * a**3 * ratio**2 / (5.0 * (1.0 + ratio)),
+        )
+        flat = [spin - normal * (spin @ normal) for spin in spins]
+        wanted = log * (-slide * velocity + sum(k * np.cross(w, normal) for k, w in zip(twists, flat, strict=True)))
+        largest = max(largest, np.linalg.norm(force - wanted) / np.linalg.norm(wanted))
+        owns = own(ratio, a), own(1.0 / ratio, b)
+        for k in (0, 1):
+            wanted = log * (twists[k] * np.cross(normal, velocity) - owns[k] * flat[k] - other * flat[1 - k])
+            largest = max(largest, np.linalg.norm(torques[k] - wanted) / np.linalg.norm(wanted))
+        total = torques[0] + torques[1] + (a + b + gap) * np.cross(normal, force)
+        moment = max(moment, np.linalg.norm(total) / np.linalg.norm(torques[0]))
+        power = min(power, -(force @ velocity + torques[0] @ spins[0] + torques[1] @ spins[1]))
+        # The pair turns as one body.
+        spin = generator.normal(size=3)
+        as_one = sheared((a, b), gap, normal, np.cross(spin, (a + b + gap) * normal), (spin, spin))
+        turning = max(turning, np.linalg.norm(as_one[0]) / (log * a**2 * np.linalg.norm(spin)))
+    return [
+        below("two spheres in space, ratios 0.3 to 30: off by", largest, 1e-3),
+        below("sum of the torques about a point", moment, 1e-12),
+        below("two spheres that turn as one body: force", turning, 1e-9),
+        at_least("power that the film takes", 0.0, power),
+        *_at_a_plane(viscosity),
+    ]
+
+
+def _at_a_plane(viscosity: float) -> list[Figure]:
+    """Sphere at a plane: 8/15, 2/15 and 2/5 of 6 pi mu a U, 6 pi mu a^2 W and 8 pi mu a^3 W, times ln(a/h)."""
+    a, gap = 1e-3, 1.5e-6
+    log = viscosity * math.log(a / gap)
+    figures = []
+    for name, normal, along, axis in (
+        ("in space", (0.0, 0.0, 1.0), np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])),
+        ("in the plane", (0.0, 1.0), np.array([1.0, 0.0]), np.array([-1.0])),
+    ):  # a spin about `axis` makes the sphere roll `along`
+        still = 0.0 * axis
+        force, torque, _ = sheared((a, None), gap, normal, 0.3 * along, (still, still))
+        turned, turning, _ = sheared((a, None), gap, normal, 0.0 * along, (7.0 * axis, still))
+        as_one = sheared((a, None), gap, normal, 7.0 * (a + 0.5 * gap) * along, (7.0 * axis, 7.0 * axis))
+        unit = math.pi * log
+        figures += [
+            relative(f"{name}: force of sliding", -6.0 * unit * a * 8.0 / 15.0 * 0.3, force @ along, 2e-3, "N"),
+            relative(f"{name}: torque of sliding", 8.0 * unit * a**2 / 10.0 * 0.3, torque @ axis, 2e-3, "N m"),
+            relative(f"{name}: force of turning", 6.0 * unit * a**2 * 2.0 / 15.0 * 7.0, turned @ along, 5e-3, "N"),
+            relative(f"{name}: torque of turning", -8.0 * unit * a**3 * 2.0 / 5.0 * 7.0, turning @ axis, 3e-3, "N m"),
+            below(f"{name}: it turns with the plane", np.linalg.norm(as_one[0]) / np.linalg.norm(force), 1e-12),
+        ]
+    return figures
+
+
+@case("lubrication: a sphere that slides over a film", "contact", "m U' = F, 2/5 m a^2 W' = T")
+def slides() -> list[Figure]:
+    """A sphere within the roughness of the floor, without gravity: U and W decay to rest, in 2-D and in 3-D."""
+    gap, speed, end = 5e-7, 0.1, 5e-3
+    viscosity = 0.05
+    unit = math.pi * viscosity * RADIUS * math.log(RADIUS / LIQUID["roughness"]) / MASS
+    # Of U and a W, W about the axis that makes it roll forwards.
+    rates = np.array([[-3.2, 0.8], [2.0, -8.0]]) * unit
+    values, vectors = np.linalg.eig(rates)
+    wanted = (vectors @ (np.exp(values * end) * np.linalg.solve(vectors, [speed, 0.0]))).real
+    figures = []
+    for dimension in (2, 3):
+        place, sides = [0.01] * dimension, ("left", "right", "front", "back")[: 2 * dimension - 2]
+        place[-1] = RADIUS + gap
+        tables = with_tables(
+            BOX,
+            domain={"size": [0.02] * dimension, "gravity": [0.0] * dimension},
+            particles={
+                "position": [place], "velocity": [[speed] + [0.0] * (dimension - 1)],
+                "angular_velocity": [[0.0] * (1 if dimension == 2 else 3)],
+            },
+            contact={"young_modulus": 1e6, "time_step": 5e-6, "lubrication": LIQUID | {"viscosity": viscosity}},
+            boundary={side: {"kind": "periodic"} for side in sides},
+            time={"end": end, "output_interval": end},
+        )  # fmt: skip
+        scene = jaxdem.load_scene(tables)
+        simulation, parameters = jaxdem.build(scene)
+        given = jaxdem.initial_state(scene, simulation, parameters)
+        particles = jax.jit(simulation.step)(parameters, *given)[0].particles
+        spin = -particles.angular_velocity[0, 0] if dimension == 2 else particles.angular_velocity[0, 1]
+        figures += [
+            relative(f"{dimension}-D: speed", wanted[0], float(particles.velocity[0, 0]), 3e-3, "m/s"),
+            relative(f"{dimension}-D: speed of the surface", wanted[1], RADIUS * float(spin), 3e-3, "m/s"),
+        ]
+    return figures
 
 
 NUMBERS = (15.0, 20.0, 30.0, 60.0, 100.0, 300.0, 1000.0)

@@ -552,7 +552,7 @@ def fluid_limit(name: str, stream: tuple[float, float], viscosity: float, advect
 
 def lubrication_limit(wall: bool) -> Limit:
     """A sphere within the roughness of another one, or of a wall, in a liquid that stops it faster than contacts part
-    it: a perturbation of its speed may not grow."""
+    it: a perturbation of its speed, of its sliding and of its spin may not grow."""
     film = {"cutoff": 1e-5, "roughness": 1e-6, "viscosity": 20.0}
     near = [[0.005, 1e-3 + 5e-7]] if wall else [[0.003, 0.005], [0.0050005, 0.005]]
     sides = ("left", "right") if wall else ("left", "right", "bottom", "top")
@@ -572,8 +572,8 @@ def lubrication_limit(wall: bool) -> Limit:
     interval = dataclasses.replace(simulation.contact, search=None, steps=200)
     velocity = simulation.wall_velocity(parameters, jnp.zeros(()))
     around = surroundings(parameters.contact, velocity)
-    speeds = jnp.asarray([[0.0, -1e-9]] if wall else [[1e-9, 0.0], [-1e-9, 0.0]])
-    start = state.particles._replace(velocity=speeds)
+    speeds = jnp.asarray([[1e-9, -1e-9]] if wall else [[1e-9, 1e-9], [-1e-9, -1e-9]])
+    start = state.particles._replace(velocity=speeds, angular_velocity=jnp.full((len(near), 1), 1e-6))
 
     @jax.jit
     @jax.vmap

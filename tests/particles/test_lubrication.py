@@ -98,6 +98,26 @@ def test_a_closed_box_with_a_liquid_keeps_its_energy_in_space():
     assert found["dissipated"]["liquid"] > 1e-2 * turned_over
 
 
+def test_what_sliding_and_rolling_take_is_told_as_taken_by_the_liquid():
+    """Two grains of different sizes that pass each other in a gap and do not touch; without shear nothing is taken."""
+    passing = with_tables(
+        GRAINS,
+        domain={"gravity": [0.0, 0.0]},
+        boundary={side: {"kind": "periodic"} for side in ("left", "right", "bottom", "top")},
+        particles={"position": [[0.01, 0.01], [0.01, 0.01 + 1.6 * RADIUS + 5e-5]], "radius": [RADIUS, 0.6 * RADIUS],
+                   "velocity": [[0.02, 0.0], [-0.03, 0.0]], "angular_velocity": [[5.0], [-20.0]]},
+        time={"end": 4e-4, "output_interval": 4e-4},
+    )  # fmt: skip
+    found = balance_of(passing)
+    before, after = (found[when]["translation"] + found[when]["rotation"] for when in ("start", "end"))
+    lost, dissipated = before - after, found["dissipated"]
+    assert lost > 1e-3 * before
+    assert dissipated["liquid"] == pytest.approx(lost, rel=1e-9)
+    assert all(abs(part) < 1e-9 * lost for name, part in dissipated.items() if name != "liquid")
+    along = balance_of(with_tables(passing, contact={"lubrication": FILM | {"shear": False}}))
+    assert along["dissipated"]["liquid"] < 0.1 * lost
+
+
 def test_gradients_of_an_approach():
     """Two grains that near each other in a liquid: what is left of their speed, and its derivative in reverse mode."""
     gap, speed, step, steps = 1e-4, 0.2, 5e-6, 60
