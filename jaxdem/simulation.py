@@ -17,6 +17,7 @@ from jaxdem.particles.clump_forces import as_members, members_at
 from jaxdem.particles.clump_shape import Placed
 from jaxdem.particles.integrate import Motion, ParticleProperties, ParticleState, split_low
 from jaxdem.particles.jax_md_list import JaxMdList, listed_by_jax_md
+from jaxdem.particles.list_room import list_room, with_room_for_meshes
 from jaxdem.particles.neighbors import Neighbors, Room, carry_history, carry_memory
 from jaxdem.state import Diagnostics, Parameters, State
 from jaxdem.step import step
@@ -72,11 +73,12 @@ class Simulation(Structure):
         bodies = required(parameters.bodies, "parameters.bodies")
         _, particles, radius = _spheres(particles, bodies)
         position = _on_host(particles)[0]
-        found = self.search.room(position, particles.active, radius)
+        found = list_room(self.search, position, particles.active, radius)
         if not parameters.meshes:
             return found
         usual = tuple(mesh.usual for mesh in required(self.contact, "particles").model.meshes)
-        return self.search.with_room_for_meshes(found, parameters.meshes, usual, position, radius, particles.active)
+        given = parameters.meshes, usual, position, radius, particles.active
+        return with_room_for_meshes(self.search, found, *given)
 
     def list_shapes(self, parameters: Parameters, particles: ParticleState, room: Room) -> Neighbors:
         """What `allocate` gives, shapes and types alone; nothing is compiled."""

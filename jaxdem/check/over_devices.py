@@ -21,6 +21,7 @@ from jaxdem.fluid.two_fluids import TwoFluidSolver
 from jaxdem.numerics.blocks import Blocks
 from jaxdem.particles.ghosts import Division
 from jaxdem.particles.integrate import ParticleState
+from jaxdem.particles.list_room import list_room
 from jaxdem.particles.migration import NARROWEST
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.setup.builder import Case
@@ -170,7 +171,7 @@ def _list_of_slabs(case: Case, particles: ParticleState) -> Neighbors:
     """Shapes of the list on one device with the pairs that slabs have: all that the largest grains would have in
     reach."""
     spheres = listed_spheres(case.simulation, case.parameters, particles)
-    wide = case.simulation.search.room(spheres.position, spheres.active)
+    wide = list_room(case.simulation.search, spheres.position, spheres.active)
     room = dataclasses.replace(wide, mesh=case.simulation.room(case.parameters, particles).mesh)
     return case.simulation.list_shapes(case.parameters, particles, room)
 
@@ -200,7 +201,7 @@ def _spread(case: Case, blocks: Blocks, state: State) -> tuple[np.ndarray, np.nd
         ghosts[k] += int(np.sum(near & (apart >= 0)))
         ghosts[(k + 1) % blocks.number] += int(np.sum(near & (apart < 0)))
     spheres = listed_spheres(simulation, case.parameters, particles)
-    listed = search.room(spheres.position, spheres.active)
+    listed = list_room(search, spheres.position, spheres.active)
     return counts, ghosts, needed_room(division, spheres, position, planes, listed)
 
 

@@ -24,6 +24,7 @@ from jaxdem.errors import InputError, required
 from jaxdem.fluid.slabs import fluid_in_slabs
 from jaxdem.particles.ghosts import Ghosts
 from jaxdem.particles.integrate import Motion, ParticleState, centres_in_box
+from jaxdem.particles.list_room import list_room, with_room_for_meshes
 from jaxdem.particles.mesh_contact import MeshMemory
 from jaxdem.particles.neighbors import Neighbors, Room
 from jaxdem.particles.slab_bonds import relisted
@@ -141,7 +142,7 @@ def _is_present(particles: ParticleState) -> np.ndarray:
 def _listed_room(simulation: DividedSimulation, parameters: Parameters, spheres: Spheres, slab: np.ndarray) -> Room:
     """Room for the list of the whole box, but of meshes for that of any slab; `slab` is -1 of who is not there."""
     search = simulation.search
-    found = search.room(spheres.position, spheres.active)
+    found = list_room(search, spheres.position, spheres.active)
     if not parameters.meshes:
         return found
     meshes = required(simulation.contact, "particles").model.meshes
@@ -149,7 +150,7 @@ def _listed_room(simulation: DividedSimulation, parameters: Parameters, spheres:
     there = np.ones(len(slab) * search.members, bool) if spheres.active is None else spheres.active
     slab = np.tile(slab, search.members)
     rooms = [
-        search.with_room_for_meshes(found, *given, spheres.radius, there & (slab == k))  # type: ignore[arg-type]
+        with_room_for_meshes(search, found, *given, spheres.radius, there & (slab == k))  # type: ignore[arg-type]
         for k in range(simulation.slabs.number)
     ]
     return functools.reduce(Room.covering, rooms)

@@ -12,6 +12,7 @@ from jaxdem.errors import required
 from jaxdem.numerics.static import static
 from jaxdem.particles.ghosts import Division
 from jaxdem.particles.integrate import ParticleState
+from jaxdem.particles.list_room import own_in_reach, tree_of
 from jaxdem.particles.migration import IMBALANCE, NARROWEST
 from jaxdem.particles.neighbor_search import NeighborSearch
 from jaxdem.particles.neighbors import Neighbors, Room
@@ -104,9 +105,9 @@ class Spheres(NamedTuple):
         there = np.ones(len(self.position[0]), bool) if self.active is None else np.asarray(self.active)
         found = np.zeros(len(there))
         if there.any():
-            tree = self.search.tree(tuple(np.asarray(x, float)[there] for x in self.position))
+            tree = tree_of(self.search, tuple(np.asarray(x, float)[there] for x in self.position))
             found[there] = tree.query_ball_point(tree.data, self.search.reach, return_length=True, workers=-1)
-            found[there] -= self.search.own_in_reach(self.position, self.active)
+            found[there] -= own_in_reach(self.search, self.position, self.active)
         members = self.search.members
         return found.reshape(members, -1).sum(axis=0)[there.reshape(members, -1).any(axis=0)]
 

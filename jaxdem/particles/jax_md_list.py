@@ -15,6 +15,7 @@ from jaxdem.numerics import compensated, vectors
 from jaxdem.numerics.compensated import Low, Pair
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.integrate import ParticleState, split_low
+from jaxdem.particles.list_room import tree_of
 from jaxdem.particles.neighbor_search import NeighborSearch
 from jaxdem.particles.neighbors import Neighbors, carry_history, displacement_since_build, with_radius
 
@@ -109,7 +110,7 @@ def _check_values(search: NeighborSearch, particles: ParticleState, new: Neighbo
         return
     # What is nearer than the reach by more than the distances in the dtype of the positions are rounded.
     rounding = 8.0 * float(jnp.finfo(position[0].dtype).eps) * max(search.geometry.box)
-    wanted = search.tree(new.reference).query_pairs(search.reach - rounding, output_type="ndarray")
+    wanted = tree_of(search, new.reference).query_pairs(search.reach - rounding, output_type="ndarray")
     wanted = np.sort(wanted[present[wanted].all(axis=1)], axis=1).astype(np.int64)
     reaches = search.reaches(new.radius)
     if reaches is not None:

@@ -1,6 +1,6 @@
 """Search for neighbours: who is in reach of whom.
 
-Room for a list is counted on the host by SciPy's tree. Inside jit `cells` finds who is in reach of whom, or a list of
+Room for a list is counted on the host (`list_room`). Inside jit `cells` finds who is in reach of whom, or a list of
 jax-md says it (`jax_md_list`); `pairs` has each pair once.
 """
 
@@ -8,16 +8,13 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import Array, lax
 from jax.typing import DTypeLike
-from scipy.spatial import KDTree
 
 from jaxdem.errors import required
 from jaxdem.numerics import compensated
@@ -27,16 +24,12 @@ from jaxdem.numerics.placement import Placement
 from jaxdem.numerics.static import static
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.cells import CellGrid, neighbors_in_cells
-from jaxdem.particles.level_room import level_room, pairs_in_reach
-from jaxdem.particles.mesh_room import with_margin
-from jaxdem.particles.mesh_search import MeshSearch, needed, whole
-from jaxdem.particles.mesh_surface import MeshSurface, on_host
+from jaxdem.particles.mesh_search import MeshSearch, whole
+from jaxdem.particles.mesh_surface import MeshSurface
 from jaxdem.particles.neighbors import NeighborGeometry, Neighbors, Room, separation_and_overlap, with_radius
 from jaxdem.particles.owned_pairs import owned_pairs
 from jaxdem.particles.pairs import Owned, Pairs, pairs_of
-from jaxdem.particles.regions import into_period
 from jaxdem.particles.size_levels import LevelTables, SizeLevels
-from jaxdem.particles.usual_room import DENSE, EXTRA_CAPACITY, EXTRA_PAIRS, USUAL_PAIRS, USUAL_SLOTS
 
 
 @static
@@ -101,7 +94,8 @@ class NeighborSearch:
         geometry = self.geometry
         return geometry.cells or CellGrid(geometry.box, geometry.periodic, self.reach, 0).shape
 
-    def _cells(self, position: Vector) -> CellGrid:
+    def cells_for(self, position: Vector) -> CellGrid:
+        """The cells of the search for so many particles."""
         geometry = self.geometry
         return CellGrid(geometry.box, geometry.periodic, self.reach, position[0].shape[0], geometry.cells)
 
@@ -110,25 +104,23 @@ class NeighborSearch:
         position: Vector,
         low: tuple[Low, ...],
         radius: Array,
-        room: Room | None = None,
+        room: Room,
         active: Array | None = None,
         surfaces: tuple[MeshSurface, ...] = (),
         placed: tuple[Placement | None, ...] = (),
     ) -> Neighbors:
-        """A new list with room for these positions, and for what is usual; not jittable.
+        """A new list; not jittable.
 
         Args:
             position: D arrays (N,), leading parts [m]; must be finite.
             low: D arrays (N,) or Nones, trailing parts.
             radius: () or (N,) [m].
-            room: exactly so much room instead. A resumed run asks for what it had, so that it compiles and
-                computes the same.
+            room: for it, see `list_room`; a resumed run asks for what it had, so that it compiles and computes the
+                same.
             active: (N,) bool, which particles there are; all if None.
-            surfaces: the meshes; with some the room must be given.
+            surfaces: the meshes.
             placed: where each of them is, None for one at rest; empty for their places without motion.
         """
-        if room is None:
-            room = self.room(position, active, radius)
         return listing(self)(position, low, radius, room, active, surfaces, placed)
 
     def shapes(
@@ -229,39 +221,6 @@ class NeighborSearch:
         overflow = functools.reduce(jnp.logical_or, (crowded for _, crowded in found), listed.overflow)
         return dataclasses.replace(listed, meshes=tuple(one for one, _ in found), overflow=overflow)
 
-    def with_room_for_meshes(
-        self,
-        room: Room,
-        surfaces: tuple[MeshSurface, ...],
-        usual: tuple[tuple[int, ...], ...],
-        position: Vector,
-        radius: Array,
-        active: Array | None,
-    ) -> Room:
-        """Room for the lists of the meshes too; on the host.
-
-        Args:
-            room: for that of the particles.
-            surfaces: the meshes.
-            usual: room of each mesh that is needed in any case, `MeshRoom.numbers`.
-            position, radius, active: see `allocate`.
-        """
-        count = position[0].shape[0]
-        there = np.full(count, True) if active is None else np.asarray(active)
-        place = tuple(np.asarray(x, float)[there] for x in position)
-        size = np.asarray(radius, float)
-        size = size if size.ndim == 0 else size[there]
-        numbers: list[int] = []
-        for surface, least in zip(surfaces, usual, strict=True):
-            wanted = needed(self.mesh_search, on_host(surface), place, size)
-            rows, contacts, *rest = least
-            wanted[1:] *= np.array(rest) > 0
-            numbers += [min(with_margin(wanted[0], rows), max(count, 1)), contacts]
-            share = min(1.0, count / rows)  # of the grains that the mesh has room for
-            rest = [math.ceil(share * looks) for looks in rest[:3]] + rest[3:]
-            numbers += [with_margin(number, own) for number, own in zip(wanted[1:], rest, strict=True)]
-        return dataclasses.replace(room, mesh=tuple(numbers))
-
     @property
     def mesh_search(self) -> MeshSearch:
         """How particles find the meshes."""
@@ -280,7 +239,7 @@ class NeighborSearch:
             tables = LevelTables(self.levels, geometry.box, geometry.periodic, len(radius))
             rows = room.cell, required(room.rows, "room for rows").across
             return tables.owned(inside, radius, geometry.skin, room.slots, rows, active)
-        given, reaches = self._cells(position), None if radius is None else self.reaches(radius)
+        given, reaches = self.cells_for(position), None if radius is None else self.reaches(radius)
         return neighbors_in_cells(given, inside, room.slots, room.cell, active, self.members, reaches)
 
     def listed(
@@ -316,79 +275,6 @@ class NeighborSearch:
         builds, across = jnp.ones((), jnp.int32), 0 if room.rows is None else room.rows.across
         first = Neighbors(index, pairs, separation, radius, overlap, position, low, overflow, builds, room.cell)
         return dataclasses.replace(first, across_slots=across) if across else first
-
-    def room(self, position: Vector, active: Array | None = None, radius: Array | None = None) -> Room:
-        """Room for these positions and for a dense pack, with a margin; on the host.
-
-        `radius` () or (N,) says how far each reaches [m]; without it all reach as far as the largest.
-        """
-        count, dimension = position[0].shape[0], len(position)
-        if count < 2:
-            return Room(0, 0, 1)
-        if self.levels is not None:
-            there = None if active is None else np.asarray(active)
-            places = tuple(np.asarray(x, float) for x in position)
-            return level_room(self.levels, self.geometry, places, np.asarray(required(radius, "radii"), float), there)
-        present = jax.tree.map(np.asarray, position)
-        own, reaches = self.own_in_reach(present, active), None
-        if radius is not None:
-            sizes: Any = np.asarray(radius, float)
-            reaches = self.reaches(sizes)
-        if active is not None:
-            present = tuple(x[np.asarray(active)] for x in present)
-            reaches = None if reaches is None else reaches[np.asarray(active)]
-        cells = self._cells(position)
-        crowd = max(cells.largest_occupancy(present), cells.dense_occupancy(self.geometry.cutoff))
-        usual, each = USUAL_SLOTS[dimension], USUAL_PAIRS[dimension]
-        if active is not None:  # what stands there at the start tells nothing of those who come
-            usual = math.ceil(EXTRA_CAPACITY * self._crowd(self.reach))
-            each = max(each, 0.5 * self._crowd(self.reach))
-            widths = (length / n for length, n in zip(self.geometry.box, cells.shape, strict=True))
-            crowd = max(crowd, self._crowd(0.6 * max(widths)))
-        found, most = self._found(present, own, reaches)
-        everyone = count * (count - 1) // 2
-        pairs = min(max(math.ceil(EXTRA_PAIRS * found), math.ceil(each * count)), everyone)
-        # The wide cells of a vast box have room for more than there are.
-        held = min(math.ceil(EXTRA_CAPACITY * crowd), count)
-        return Room(min(max(int(EXTRA_CAPACITY * most), usual), count - 1), pairs + 1, held)
-
-    def _crowd(self, reach: float) -> int:
-        """How many particles of the mean volume a dense pack has within `reach` [m], `USUAL_SLOTS` at least.
-
-        Where particles come in while the scene runs, what stands at the start tells nothing.
-        """
-        dimension = len(self.geometry.box)
-        return max(USUAL_SLOTS[dimension], math.ceil(DENSE[dimension] * (reach / self.typical_radius) ** dimension))
-
-    def _found(self, position: Vector, own: np.ndarray | int, reaches: Array | None) -> tuple[int, int]:
-        """Number of pairs in reach at these positions, and the most neighbours that a particle has; not jittable.
-
-        `own` (N,) of those that it has in reach are of its own body, itself too; `reaches` are as of the method.
-        """
-        if reaches is not None:
-            places = tuple(np.asarray(x, float) for x in position)
-            ends = np.concatenate(pairs_in_reach(self.geometry, places, np.asarray(reaches)))
-            return len(ends) // 2, int(np.bincount(ends, minlength=1).max())
-        tree = self.tree(position)
-        others = tree.query_ball_point(tree.data, self.reach, return_length=True, workers=-1) - own
-        return int(others.sum()) // 2, int(others.max(initial=0))
-
-    def own_in_reach(self, position: Vector, active: Array | None) -> np.ndarray | int:
-        """(N,) of those present: how many spheres of its body a sphere has in reach, itself too; not jittable."""
-        if self.members == 1:
-            return 1
-        there = np.full(len(position[0]), True) if active is None else np.asarray(active)
-        own = np.stack([np.where(there, np.asarray(x, float), np.nan).reshape(self.members, -1) for x in position])
-        apart = np.linalg.norm(own[:, :, None] - own[:, None], axis=0)
-        return np.sum(apart <= self.reach, axis=1).ravel()[there]
-
-    def tree(self, position: Vector) -> KDTree:
-        """SciPy's tree of these positions, in the box; on the host."""
-        geometry = self.geometry
-        stacked = np.stack([np.asarray(x, float) for x in position], axis=1)
-        inside = np.where(geometry.periodic, into_period(stacked, np.asarray(geometry.box)), stacked)
-        # A period of zero is none.
-        return KDTree(inside, boxsize=np.where(geometry.periodic, geometry.box, 0.0))
 
 
 @functools.lru_cache(maxsize=8)

@@ -24,6 +24,7 @@ from jaxdem.numerics import vectors
 from jaxdem.numerics.compensated import Low
 from jaxdem.particles.clump_shape import Placed
 from jaxdem.particles.integrate import split_low
+from jaxdem.particles.list_room import list_room
 from jaxdem.particles.mesh_surface import MeshSurface
 from jaxdem.particles.neighbors import Neighbors, carry_history, carry_memory
 from jaxdem.setup.builder import Case
@@ -118,9 +119,8 @@ def _by_levels(simulation: Simulation, state: State, neighbors: Neighbors) -> tu
     particles = required(state.particles, "state.particles")
     position = vectors.components(particles.position)
     low = split_low(particles.position_low, len(position))
-    room = dataclasses.replace(
-        simulation.search.room(position, particles.active, neighbors.radius), mesh=neighbors.room.mesh
-    )
+    room = list_room(simulation.search, position, particles.active, neighbors.radius)
+    room = dataclasses.replace(room, mesh=neighbors.room.mesh)
     placed = tuple(mesh.placement for mesh in neighbors.meshes)
     given = (position, low, neighbors.radius, room, particles.active, neighbors.surfaces, placed)
     new = dataclasses.replace(simulation.search.allocate(*given), builds=neighbors.builds)

@@ -16,6 +16,7 @@ from jaxdem.particles.contact_model import ContactModel
 from jaxdem.particles.contact_step import ContactStep
 from jaxdem.particles.forces import contact_forces
 from jaxdem.particles.integrate import Motion, ParticleProperties, ParticleState
+from jaxdem.particles.list_room import list_room
 from jaxdem.particles.loop import contact_interval
 from jaxdem.particles.materials import CohesionParameters, ContactParameters, surroundings
 from jaxdem.particles.neighbor_search import NeighborSearch
@@ -106,7 +107,9 @@ def world(
     )  # fmt: skip
     motion = Motion.of(state)
     if rebuild:
-        neighbors = search.allocate(motion.position, motion.low, jnp.asarray(radius, dtype), room)
+        sizes = jnp.asarray(radius, dtype)
+        room = list_room(search, motion.position, radius=sizes) if room is None else room
+        neighbors = search.allocate(motion.position, motion.low, sizes, room)
     else:
         neighbors = all_pairs(position, radius, box, periodic, motion)
     state = state._replace(

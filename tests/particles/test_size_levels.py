@@ -13,6 +13,7 @@ import pytest
 
 import jaxdem
 from jaxdem.particles.level_room import pairs_in_reach
+from jaxdem.particles.list_room import list_room
 from jaxdem.particles.neighbor_search import NeighborSearch
 from jaxdem.particles.neighbors import NeighborGeometry, Room, RowRoom
 from jaxdem.particles.pairs import sum_over_pairs
@@ -104,12 +105,13 @@ def test_one_table_lists_by_the_sizes_of_both():
     position, radius, box = pack(2, 10.0)
     search = dataclasses.replace(search_in(box), levels=None)
     columns = tuple(jnp.asarray(x) for x in position.T)
-    neighbors = search.allocate(columns, (None, None), jnp.asarray(radius))
+    sizes = jnp.asarray(radius)
+    neighbors = search.allocate(columns, (None, None), sizes, list_room(search, columns, radius=sizes))
     expected = by_brute_force(position, radius, box, search.geometry.periodic)
     assert not neighbors.overflow and neighbors.pairs.owned is None
     assert set(listed(neighbors)) == expected and neighbors.room.pairs > len(expected)
     alike = by_brute_force(position, np.full(COUNT, LARGEST), box, search.geometry.periodic)
-    assert expected < alike and search.room(columns).pairs > len(alike) > 2 * neighbors.room.pairs
+    assert expected < alike and list_room(search, columns).pairs > len(alike) > 2 * neighbors.room.pairs
 
 
 def test_cells_that_are_too_narrow_lose_pairs():
