@@ -79,12 +79,16 @@ def test_chain_leaves_every_file(study):
     assert "over 2 packs" in words and ("the closure" in words or "the learned closure" in words)
 
 
-def test_a_stage_done_is_not_done_again(study):
-    """A second run of the same study only compares."""
-    done, _ = study
-    again = dataclasses.replace(done, listener=Recorder())
+def test_a_stage_done_is_not_done_again(study, monkeypatch):
+    """A second run of the same study only compares, the same runs; the pictures, which take long, are left out."""
+    done, comparison = study
+    again, asked = dataclasses.replace(done, listener=Recorder()), []
+    monkeypatch.setattr("jaxdem.study.compare", lambda *given, **more: asked.append((given, more)))
     again.run()
     assert again.listener.stages == []
+    (((reference, candidates, out), more),) = asked
+    assert out == done.out and more["noise"] and more["page"]
+    assert [one.run.path for one in (reference, *candidates)] == [row.run.path for row in comparison.rows]
 
 
 def test_dataset_of_the_own_mesh_is_what_the_law_saw(study):

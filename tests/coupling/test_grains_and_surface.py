@@ -21,7 +21,7 @@ from tests.cases.grains_in_two_fluids import (
     momentum,
     tables,
 )
-from tests.cases.tiers import COMBINATION, tiered
+from tests.cases.tiers import COMBINATION
 
 G = 9.81
 
@@ -166,6 +166,7 @@ def test_grains_in_the_surface_of_a_drop_are_not_pushed_out():
     assert float(jnp.abs(end.particles.velocity).max()) < 0.05 * jump / 1000.0 * 0.02
 
 
+@COMBINATION
 def test_momentum_with_tension_changes_by_the_tension_alone():
     """Step by step, of all three phases, by the sum of sigma kappa grad c over the faces and nothing by the grains."""
     speeds = jnp.asarray([[0.1, 0.05], [-0.05, 0.1], [0.1, -0.1], [0.02, 0.1]])
@@ -185,7 +186,7 @@ def test_momentum_with_tension_changes_by_the_tension_alone():
     assert share > 1e-6 * size  # of one grain in a step: without it the sums would be apart by this
 
 
-@pytest.mark.parametrize("level", tiered((0.0647, 0.0055), first=[0.0055]))
+@pytest.mark.parametrize("level", (0.0647, 0.0055))
 def test_grains_at_rest_under_a_lake_stay_at_rest(level):
     """A layer on the floor, held by its contacts: below a still lake, and with the surface within the layer.
 

@@ -21,8 +21,8 @@ from tests.cases.tiers import COMBINATION
         pytest.param("jet", 2, 0, marks=COMBINATION),
         pytest.param("stream", 3, 1, marks=COMBINATION),
         pytest.param("jet, 3-D", 2, 2, marks=COMBINATION),
-        pytest.param("moving", 2, 0, marks=COMBINATION),
-        ("grains", 2, 0),
+        ("moving", 2, 0),
+        pytest.param("grains", 2, 0, marks=COMBINATION),
         pytest.param("piston, diffusion", 2, 1, marks=COMBINATION),
     ],
 )

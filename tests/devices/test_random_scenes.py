@@ -133,7 +133,7 @@ def scattered(state, box, draw):
 
 
 @pytest.mark.parametrize("seed", tiered(range(SCENES), first=range(2)))
-@pytest.mark.parametrize("kind", tiered(RANDOM, first=["3-D, two periodic sides", "fluid, learned drag"]))
+@pytest.mark.parametrize("kind", tiered(RANDOM, first=["3-D, two periodic sides"]))
 def test_a_random_scene_is_that_of_one_device(kind, seed):
     """The same grains and contacts; forces, motion and fluid to rounding, which collisions enlarge; momentum kept."""
     simulation, divided, parameters, state, one, many = programs(kind)

@@ -46,7 +46,6 @@ def stepped(scene, number, steps, marked=None):
     return state, devices.gathered(divided, slabs, lists)[0], lists
 
 
-@COMBINATION
 def test_conduction_across_a_border():
     """A row of grains of different temperatures between a warm and a cold wall, cut in its middle."""
     tables = chain_tables(6, 4e4, 0.01, left={"temperature": 50.0}, right={"temperature": 0.0})
@@ -106,7 +105,6 @@ def test_what_closed_cells_held_goes_over_borders(periodic, axis, monkeypatch):
     assert apart(expected[1], in_slabs(grid.in_blocks(blocks))[1]) > 1e-3
 
 
-@COMBINATION
 def test_fields_in_a_periodic_stream():
     """Warm fluid and a dye that go round through four slabs, warmed from below."""
     sides = ALONG_X | {"bottom": {"temperature": 330.0}, "top": {"heat_flux": 5.0}}
@@ -164,6 +162,7 @@ def runs(tmp_path_factory):
     return one, two, back
 
 
+@COMBINATION
 @pytest.mark.parametrize("number", [1, 2])
 def test_everything_at_once_is_that_of_one_device(runs, number):
     """Temperatures of grains and fluid, the dye, and whence all heat came; the tolerance is that of the pressure."""
@@ -192,6 +191,7 @@ def test_everything_at_once_is_that_of_one_device(runs, number):
     assert abs(same["missing"]) < 1e-10 * scale
 
 
+@COMBINATION
 def test_a_run_begins_from_one_in_slabs(runs):
     """Temperatures and dye of a run on one device that begins from another one."""
     states = []

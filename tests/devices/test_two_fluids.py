@@ -56,7 +56,7 @@ def warm_grains():
 
 @pytest.mark.parametrize(
     ("tables", "number", "axis"),
-    [(warm_grains(), 2, 0), pytest.param(scene_of([16, 32], ALONG_X), 4, 1, marks=COMBINATION)],
+    [pytest.param(warm_grains(), 2, 0, marks=COMBINATION), (scene_of([16, 32], ALONG_X), 4, 1)],
     ids=["warm grains in a channel", "a drop falls"],
 )
 def test_two_fluids_are_those_of_one_device(tables, number, axis):

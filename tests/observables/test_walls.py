@@ -21,6 +21,7 @@ from jaxdem.observables import (
     surface_walls,
     wall_load,
 )
+from tests.cases.tiers import COMBINATION, tiered
 
 MASS = 2500.0 * 4.0 / 3.0 * np.pi * 0.01**3
 
@@ -151,7 +152,11 @@ def on_all_sides(simulation, report):
 
 @pytest.mark.parametrize(
     ("fluid", "precision", "rounding"),
-    [({}, "float64", 1e-12), ({"smagorinsky": 0.2}, "float64", 1e-12), ({}, "float32", 1e-6)],
+    [
+        pytest.param({}, "float64", 1e-12, marks=COMBINATION),
+        ({"smagorinsky": 0.2}, "float64", 1e-12),
+        pytest.param({}, "float32", 1e-6, marks=COMBINATION),
+    ],
 )
 def test_a_cavity_gains_what_its_sides_give(fluid, precision, rounding):
     """A lid that has just begun to move, walls and a free-slip side: in every interval, to rounding.
@@ -169,7 +174,7 @@ def test_a_cavity_gains_what_its_sides_give(fluid, precision, rounding):
     assert float(fluid_force(reports[-1], 0, True)[1]) == 0.0  # the free-slip side drags nothing
 
 
-@pytest.mark.parametrize("model", ["A", "B"])
+@pytest.mark.parametrize("model", tiered(["A", "B"], first=["A"]))
 def test_momentum_of_grains_and_fluid_in_a_closed_box(model):
     """Grains that fall through water on a wall and along a side: fluid, grains, sides and weight balance."""
     tables = {

@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from jaxdem.particles import packing, random_packing, regions
+from tests.cases.tiers import tiered
 
 TRIANGLE = np.array([[0.1, 0.1], [0.9, 0.1], [0.5, 0.7]])
 HOLLOW = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.5, 0.3], [0.0, 1.0]])  # not convex
@@ -176,8 +177,10 @@ def nearest_by_tree(position):
     return cKDTree(position).query(position, k=2)[0][:, 1].min()
 
 
-@pytest.mark.parametrize("width", [3, 13, 20])
-@pytest.mark.parametrize("fraction", [0.3, 0.33, random_packing.REACHABLE[3]])
+NARROW = [(width, fraction) for fraction in (0.3, 0.33, random_packing.REACHABLE[3]) for width in (3, 13, 20)]
+
+
+@pytest.mark.parametrize(("width", "fraction"), tiered(NARROW, first=[(3, 0.33), (13, random_packing.REACHABLE[3])]))
 def test_what_the_limit_promises_fits_into_boxes_of_few_diameters(width, fraction):
     """5,000 spheres 13 and 20 diameters wide, 500 in 3 (up to 0.33): apart by the spacing, inside, the same by seed."""
     count = 5000 if width > 3 else 500

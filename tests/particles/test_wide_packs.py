@@ -8,6 +8,7 @@ import pytest
 from jaxdem.particles import growth, packing, regions
 from jaxdem.particles.close_packing import close_packing
 from jaxdem.particles.growth import grown_pack
+from tests.cases.tiers import tiered
 
 CASES = [(2, 600, 60.0, 0.88), (3, 300, 20.0, 0.70)]
 
@@ -23,7 +24,7 @@ def packed(dimension, count, ratio, fraction):
     return fraction * part**dimension, overlap, close_packing(radius)
 
 
-@pytest.mark.parametrize(("dimension", "count", "ratio", "fraction"), CASES)
+@pytest.mark.parametrize(("dimension", "count", "ratio", "fraction"), tiered(CASES, first=CASES[:1]))
 def test_levels_and_masses_make_wide_packs_dense(dimension, count, ratio, fraction, monkeypatch):
     """Above the solid fraction at which equal particles jam, and below the densest of spheres that Farr and Groot find.
 
