@@ -9,6 +9,7 @@ import pytest
 import jaxdem
 from jaxdem import build, initial_state
 from jaxdem.setup.builder import build_case
+from tests.cases.tiers import COMBINATION
 
 SCENES = Path(__file__).parents[1] / "scenes"
 
@@ -35,6 +36,7 @@ def test_the_cone_and_the_pier_take_their_volume():
     assert 0.93 < solid / (np.pi * 0.005**2 * 0.026) < 1.0
 
 
+@COMBINATION
 def test_what_comes_into_the_bend_leaves_it():
     """Sections of the pipe are 50 mm wide, and its bend is a quarter of a ring."""
     changes = {"fluid.cells": [40, 48], "fluid.time_step": 0.005, "precision": "float64"}

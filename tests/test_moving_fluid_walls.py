@@ -113,6 +113,7 @@ def test_a_body_that_swings_in_a_closed_box_keeps_the_volume():
     assert np.abs(np.diff(force, 2)).max() < 0.1 * np.ptp(force)
 
 
+@COMBINATION
 def test_a_wall_that_swings_in_its_own_plane_drives_the_layer_of_stokes():
     """u = U exp(-k y) cos(w t - k y), k = sqrt(w/(2 nu)): 1/k is 3.6 cells, the wall 0.7 of one above a grid line."""
     rate, viscosity, amplitude = 2.0 * np.pi, 4e-3, 0.05

@@ -16,6 +16,7 @@ from jaxdem.fluid.scalar_transport import ScalarField, ScalarNumbers, ScalarTran
 from jaxdem.scalars.in_cells import between_surfaces
 from jaxdem.setup.cut_cells import FluidSurface, cut_cells_of
 from jaxdem.setup.scalar_walls import LENT, scalar_geometry
+from tests.cases.tiers import COMBINATION
 
 DIFFUSIVITY = 0.7
 
@@ -78,6 +79,7 @@ def test_heat_through_a_ring():
     assert errors[1] < 0.005 and errors[0] > 3.0 * errors[1], errors
 
 
+@COMBINATION
 def test_heat_between_spheres():
     passed, kept = annulus(20, 3)
     assert abs(kept) < 1e-13

@@ -8,6 +8,7 @@ import pytest
 from tests.cases.energy import MASS, balance_of, with_tables
 from tests.cases.energy_of_bodies import RODS
 from tests.cases.heat import advanced, chain_tables, stream_tables
+from tests.cases.tiers import COMBINATION
 
 PAIR = {"name": "pair", "centres": [[-1.0, 0.0], [1.0, 0.0]], "radii": [1.0, 1.0]}
 
@@ -53,6 +54,7 @@ def test_what_contacts_of_bodies_take_and_what_walls_give_is_their_heat():
     assert np.sum(grains) == pytest.approx(made + float(scalars.supplied.walls), rel=1e-12)
 
 
+@COMBINATION
 def test_the_fluid_takes_heat_through_the_surface_of_the_body():
     """A pair of spheres that touch has 2^(1/3) times the surface of the sphere of its volume."""
     loss = []

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from tests.cases.heat import advanced, chain_tables
+from tests.cases.tiers import tiered
 
 INTERVALS = 30
 
@@ -32,7 +33,10 @@ def beside_a_plane():
     return warmed(PLANE | {"temperature": 60.0})
 
 
-@pytest.mark.parametrize("motion", [None, [{"kind": "translation", "velocity": [0.0, 0.01]}]])
+MOVES = [{"kind": "translation", "velocity": [0.0, 0.01]}]
+
+
+@pytest.mark.parametrize("motion", tiered([None, MOVES], first=[MOVES]))
 def test_a_mesh_of_two_lines_warms_a_grain_as_a_plane_does(beside_a_plane, motion):
     line = LINE | {"temperature": 60.0} | ({} if motion is None else {"motion": motion})
     found = warmed(line)

@@ -9,6 +9,7 @@ import pytest
 from jaxdem import build, initial_state, load_scene, simulate
 from jaxdem.scalars import scalars
 from jaxdem.scalars.moving_cells import Held
+from tests.cases.tiers import COMBINATION
 from tests.heat.test_cut_heat import pipe_tables
 from tests.test_fluid_walls import refusal, tables
 from tests.test_moving_fluid_walls import BODY, BOX, PISTON
@@ -74,6 +75,7 @@ def test_a_piston_pushes_a_profile_along():
     assert np.abs(np.diff(dyes[-1], axis=1)).max() < 1e-12
 
 
+@COMBINATION
 def test_a_hot_body_that_moves_among_grains_and_the_balance(tmp_path):
     swings = [{"kind": "oscillation", "direction": [0.0, 1.0], "amplitude": 0.003, "frequency": 20.0}]
     run = simulate(load_scene(pipe_tables(name="rod", temperature=350.0, motion=swings)), tmp_path / "hot")

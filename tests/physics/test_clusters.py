@@ -19,6 +19,7 @@ from benchmarks.clusters_closures import parted, scaled
 from benchmarks.clusters_seen import OF_GRAINS, thinned
 from jaxdem.closures import DragInputs, InvariantClosure, WenYu
 from jaxdem.train.dataset_file import VECTORS, Dataset, Group
+from tests.cases.tiers import COMBINATION
 
 CASE = runs.Case(0.05, 12.0, box=(48, 96), times=1)
 
@@ -42,6 +43,7 @@ def test_the_gradient_carries_the_weight_and_parcels_keep_the_solid_fraction(par
     assert case.mean_solid_fraction == pytest.approx(0.1, rel=0.01)
 
 
+@COMBINATION
 def test_momentum_does_not_drift_and_grains_fall_through_the_gas(tmp_path):
     run = runs.simulated(CASE, tmp_path)
     frame, fluid = run.particles(-1), run.fluid(-1)

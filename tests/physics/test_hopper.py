@@ -9,6 +9,7 @@ import numpy as np
 
 from jaxdem import load_scene, simulate
 from jaxdem.check.check import check_scene
+from tests.cases.tiers import COMBINATION
 
 SCENE = Path(__file__).parents[2] / "scenes" / "hopper.toml"
 FEWER = {"particles.radius": 8e-3, "time.end": 0.12, "time.output_interval": 0.04}
@@ -21,6 +22,7 @@ def test_the_scene_passes_its_check():
     assert "additional walls: wedge" in report.compiled_in and "removal of particles" in report.compiled_in
 
 
+@COMBINATION
 def test_grains_leave_through_the_opening_alone(tmp_path):
     """All are there or counted as removed; those that stay lie between the planes; the first ones fall freely."""
     scene = load_scene(SCENE, FEWER)

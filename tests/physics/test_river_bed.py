@@ -11,6 +11,7 @@ import pytest
 
 import jaxdem
 from benchmarks import river_bed
+from tests.cases.tiers import COMBINATION
 
 SCENE = Path(__file__).parents[2] / "scenes" / "river_bed.toml"
 LENGTH, WIDTH, HEIGHT, DEPTH = 0.010, 0.010, 0.012, 0.006
@@ -56,6 +57,7 @@ def momentum(parameters, state):
     return water + float(jnp.sum(parameters.bodies.mass * state.particles.velocity[:, 0]))
 
 
+@COMBINATION
 def test_a_weak_stream_moves_no_grain_and_a_strong_one_does(small):
     """At a Shields number of 0.01 the bed stays; at 1 grains travel, and the floor takes a part of the momentum."""
     parameters, driven, (bed, neighbors) = small

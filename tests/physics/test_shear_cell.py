@@ -11,6 +11,7 @@ import pytest
 import jaxdem
 from benchmarks import shear_cell
 from jaxdem.observables import contacts
+from tests.cases.tiers import COMBINATION
 
 SIDE, SPEED, FRICTION = 0.006, 0.3, 0.6
 
@@ -51,6 +52,7 @@ def cell():
     return simulation, parameters, start, before
 
 
+@COMBINATION
 def test_the_plates_alone_change_the_momentum(cell):
     """Contacts between grains cancel: the momentum gained in an interval is the plates' impulse, to rounding."""
     simulation, parameters, start, end = cell
@@ -62,6 +64,7 @@ def test_the_plates_alone_change_the_momentum(cell):
     assert np.abs(impulse).max() > 1e-6 * scale
 
 
+@COMBINATION
 def test_friction_of_the_plates_is_at_most_coulombs(cell):
     """|T| <= mu N in each contact of grains with plates, so tau / P at a plate is at most the friction there."""
     simulation, parameters, _, end = cell
@@ -74,6 +77,7 @@ def test_friction_of_the_plates_is_at_most_coulombs(cell):
     assert across.max() > 0.0
 
 
+@COMBINATION
 def test_the_moving_plate_drags_the_grains(cell):
     """Grains gain momentum along the plate, never more than its speed would give."""
     _, _, _, end = cell

@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 
 from jaxdem.report import Candidate, Page, animation, chart, compare, figures, parity, single, snapshots, style
 from jaxdem.report.comparison import build
+from tests.cases.tiers import COMBINATION
 
 HOSTILE = ("a$b_c^2$", "$\\frac{1}{0}$", "_hidden $", "<b>&amp;</b>%{x}", "two\nlines\x1b[31m", "n" * 250)
 
@@ -79,6 +80,7 @@ def test_a_comparison_of_hostile_names(make: Any, tmp_path: Path, figure_names: 
     assert {"metrics", "error_vs_time", "snapshots", "parity"} <= result.files.keys()
 
 
+@COMBINATION
 def test_pictures_of_a_run_with_a_hostile_name(make: Any, tmp_path: Path, figure_names: list[str]) -> None:
     """In 2-D and 3-D, valid or not; of a film every frame is read."""
     figure_names += HOSTILE
@@ -90,7 +92,10 @@ def test_pictures_of_a_run_with_a_hostile_name(make: Any, tmp_path: Path, figure
     animation.animate(flat, tmp_path / "film.gif", color="drag")
 
 
-@pytest.mark.parametrize("size", [(4e-3, 3e-3), (4e-4, 4e-4, 5e-4), (9.0, 0.5), (1200.0, 900.0)])
+FURTHER = [pytest.param(size, marks=COMBINATION) for size in ((9.0, 0.5), (1200.0, 900.0))]
+
+
+@pytest.mark.parametrize("size", [(4e-3, 3e-3), (4e-4, 4e-4, 5e-4), *FURTHER])
 def test_boxes_of_any_size(make: Any, tmp_path: Path, size: tuple[float, ...]) -> None:
     """Numbers on the axes have up to seven characters."""
     runs = [make(name, size=size, cells=None, radius=0.01 * size[0], outputs=2) for name in "ab"]
