@@ -6,7 +6,6 @@ from __future__ import annotations
 import ast
 import dataclasses
 import errno
-import itertools
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -39,12 +38,11 @@ def test_every_key_of_a_scene_is_reached_by_bad_values():
     assert not hostile.untouched_keys()
 
 
-@pytest.mark.parametrize(("every", "least"), tiered([(487, 40), (97, 200)], first=[(487, 40)]))
-def test_bad_scenes_are_refused_or_sound(every, least):
+@pytest.mark.parametrize("every", tiered([487, 97], first=[487]))
+def test_bad_scenes_are_refused_or_sound(every):
     """One of so many; which ones they are changes with every key that is added."""
-    cases = itertools.islice(hostile.bad_scenes(), 0, None, every)
-    found = [hostile.outcome(case.tables) for case in cases]
-    assert len(found) > least
+    found = [hostile.outcome(case.tables) for case in hostile.bad_scenes(every)]
+    assert len(found) > 200
     assert found.count("refused") > 0.8 * len(found)
     assert "accepted" in found
 

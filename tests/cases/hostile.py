@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import copy
 import datetime
+import itertools
 import math
 from collections.abc import Iterator
 from pathlib import Path
@@ -701,15 +702,21 @@ def misspelt(key: str) -> str:
     return f"{head}.{wrong}" if head else wrong
 
 
-def bad_scenes() -> Iterator[BadScene]:
-    """All of them: thousands, in an order that does not change."""
+def bad_scenes(every: int = 1) -> Iterator[BadScene]:
+    """All of them, thousands, or one of so many, in an order that does not change."""
+    for base, key, kind, place, value in itertools.islice(_bad_values(), 0, None, every):
+        yield BadScene(base, key, kind, changed(BASES[base], place, value))
+
+
+def _bad_values() -> Iterator[tuple[str, str, str, str, Any]]:
+    """Base, key, kind, the place of the change, and what stands there."""
     for base, tables in BASES.items():
         for key in sorted(_places(tables)):
             if key.rpartition(".")[2].isdecimal():
                 continue
             for kind, value in VALUES.items():
-                yield BadScene(base, key, kind, changed(tables, key, value))
-            yield BadScene(base, key, "misspelt", changed(tables, misspelt(key), 1.0))
+                yield base, key, kind, key, value
+            yield base, key, "misspelt", misspelt(key), 1.0
             # A list's single entries too.
             for kind, entry in (
                 ("nan in it", math.nan),
@@ -719,7 +726,7 @@ def bad_scenes() -> Iterator[BadScene]:
             ):
                 value = _value(tables, key)
                 if isinstance(value, list) and value and not isinstance(value[0], dict):
-                    yield BadScene(base, key, kind, changed(tables, key, [entry, *value[1:]]))
+                    yield base, key, kind, key, [entry, *value[1:]]
 
 
 def _value(tables: Tables, key: str) -> Any:
