@@ -9,7 +9,12 @@ heap. Contenders, each in processes of its own, one after the other:
 - machinery: one device with the program of several, on one core: what one device loses by it;
 - devices: host devices of one process on all cores;
 - processes: two processes joined by `jax.distributed` over loopback, as `jaxdem run --processes 2` starts them, each on
-  its share of the cores.
+  its share of the cores;
+- apart: two processes that know nothing of each other, with half of the grains each and the plain program: what the
+  cores give at most.
+
+Processor time counts all threads of all processes, also that of the system, and not what is spent waiting: it tells
+more than the clock where other programs run.
 
 Strong scaling: the same grains on more devices. Weak scaling: `--weak` grains a device. The share of messages is the
 time that sending the ghosts of a contact step takes by itself, over that of the step. Where cards are at hand the same
@@ -61,13 +66,13 @@ GHOST_LAYERS, GHOST_NUMBERS = 1.3, 12  # layers of grains within reach of a bord
 # --- inside a process of its own --------------------------------------------------------------------------
 
 
-def measure(given: dict[str, Any]) -> dict[str, Any] | None:
-    """Windows of contact steps of one contender; None from all processes but the first."""
+def measure(given: dict[str, Any]) -> dict[str, Any]:
+    """Windows of contact steps of one contender, in one of its processes."""
     import jax
 
     if given["devices"] > given["processes"]:
         jax.config.update("jax_num_cpu_devices", given["devices"])
-    if given["processes"] > 1:
+    if given["processes"] > 1 and not given["apart"]:
         from jaxdem.run.peers import join
 
         join(given["rank"], given["processes"], f"127.0.0.1:{given['port']}", [given["rank"]])
@@ -76,8 +81,9 @@ def measure(given: dict[str, Any]) -> dict[str, Any] | None:
     from jaxdem.devices.mesh import SAME, put
 
     intervals = max(1, round(given["particle_steps"] / (given["count"] * INTERVAL)))
+    own = given["count"] // (given["processes"] if given["apart"] else 1)
     with tempfile.TemporaryDirectory() as folder:
-        scene = jaxdem.load_scene(write_scene(Path(folder), given["count"], INTERVAL))
+        scene = jaxdem.load_scene(write_scene(Path(folder), own, INTERVAL))
         divided = given["devices"] if given["devices"] > 1 or given["machinery"] else None
         simulation, parameters = jaxdem.build(scene, devices=divided)
         state, neighbors = jaxdem.initial_state(scene, simulation, parameters)
@@ -86,9 +92,9 @@ def measure(given: dict[str, Any]) -> dict[str, Any] | None:
     def compiled() -> Any:
         return jax.jit(lambda p, s, n: simulation.step(p, s, n)[:2]).lower(same, state, neighbors).compile()
 
-    advance, seconds, builds = compiled(), [], []
+    advance, seconds, processor, builds = compiled(), [], [], []
     while len(seconds) < given["windows"] + 1:
-        begin = time.perf_counter()
+        begin, used = time.perf_counter(), time.process_time()
         found = state, neighbors
         for _ in range(intervals):
             found = advance(same, *found)
@@ -105,9 +111,11 @@ def measure(given: dict[str, Any]) -> dict[str, Any] | None:
         before = int(np.max(over.mesh.on_host(neighbors.builds)))
         state, neighbors = found
         seconds.append(duration)
+        processor.append(time.process_time() - used)
         builds.append(int(np.max(over.mesh.on_host(neighbors.builds))) - before)
     steps = intervals * simulation.steps.contacts_per_interval
     result: dict[str, Any] = {"steps": steps, "seconds": seconds[1:], "builds": builds[1:]}
+    result["processor"] = float(np.median(processor[1:])) / steps
     if divided is not None:
         told = over.counts(neighbors)
         room = over.SlabRoom.of(neighbors)
@@ -122,7 +130,7 @@ def measure(given: dict[str, Any]) -> dict[str, Any] | None:
             result["message_seconds"] = message_time(simulation.mesh, room.ghosts, 500)
             if given["messages"]:
                 result["sizes"] = {str(rows): message_time(simulation.mesh, rows, 500) for rows in MESSAGES}
-    return result if given["rank"] == 0 else None
+    return result
 
 
 def message_time(mesh: Any, rows: int, count: int) -> float:
@@ -137,7 +145,7 @@ def message_time(mesh: Any, rows: int, count: int) -> float:
     blocks = Blocks(mesh.devices.size, 0, False)
 
     def send(x: Any) -> Any:
-        return lax.fori_loop(0, count, lambda _, y: 0.5 * (blocks.from_lower(y) + blocks.from_upper(y)), x)
+        return lax.fori_loop(0, count, lambda _, y: 0.5 * sum(blocks.from_both(y, y)), x)
 
     given = put(mesh, np.ones((mesh.devices.size, rows, WIDTH), np.float32), SLABS)
     program = jax.jit(on_slabs(mesh, send, (SLABS,), SLABS))
@@ -190,7 +198,7 @@ def run(arguments: argparse.Namespace, count: int, devices: int, **more: Any) ->
     """A contender, in processes of its own."""
     given = {
         "count": count, "devices": devices, "processes": 1, "machinery": False, "messages": False, "cores": devices,
-        "windows": arguments.windows, "particle_steps": arguments.particle_steps,
+        "apart": False, "windows": arguments.windows, "particle_steps": arguments.particle_steps,
     } | more  # fmt: skip
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
@@ -205,7 +213,10 @@ def run(arguments: argparse.Namespace, count: int, devices: int, **more: Any) ->
     if any(child.returncode for child in children):
         reason = next(err for child, (_, err) in zip(children, said, strict=True) if child.returncode)
         return {"failed": reason.strip().splitlines()[-1][:300]} | given
-    result: dict[str, Any] = json.loads(said[0][0].splitlines()[-1])
+    each = [json.loads(out.splitlines()[-1]) for out, _ in said]
+    result: dict[str, Any] = each[0] | {"processor": sum(one["processor"] for one in each)}
+    if given["apart"]:  # the slower one, as if they waited for each other once a window
+        result["seconds"] = np.max([one["seconds"] for one in each], axis=0).tolist()
     rate = [count * result["steps"] / seconds for seconds in result["seconds"]]
     step = float(np.median(result["seconds"])) / result["steps"]
     result |= {"million_particle_steps_per_second": harness.spread([value / 1e6 for value in rate]), "step": step}
@@ -230,12 +241,13 @@ def contenders(arguments: argparse.Namespace) -> dict[str, dict[str, Any]]:
         add(f"{size}: machinery", size, 1, machinery=True)
         add(f"{size}: 2 devices", size, 2, cores=cores)
         add(f"{size}: 2 processes", size, 2, processes=2, messages=True)
+        add(f"{size}: 2 apart", size, 1, processes=2, apart=True)
     if not arguments.quick:
         smallest = arguments.sizes[0]
         add(f"{smallest}: 4 devices", smallest, 4, cores=cores)
         for devices in (1, 2, 4):
             count = devices * arguments.weak
-            add(f"weak: {devices} x {arguments.weak}", count, devices, cores=cores)
+            add(f"weak: {devices} x {arguments.weak}", count, devices, cores=min(devices, cores))
     return found
 
 
@@ -262,7 +274,7 @@ def fitted(found: dict[str, dict[str, Any]]) -> dict[str, float]:
     model |= {"latency": took[0], "bandwidth": 1.0 / slope}
     left = []
     for row in rows.values():
-        if row["processes"] > 1:
+        if row["devices"] > 1 and row["processes"] > 1:
             message = model["latency"] + 4 * WIDTH * row["room_of_ghosts"] * slope
             left.append((row["step"] - message) / (modelled(model, row) - message) - 1.0)
     model["waiting"] = max(float(np.mean(left)), 0.0) if left else 0.0
@@ -272,7 +284,7 @@ def fitted(found: dict[str, dict[str, Any]]) -> dict[str, float]:
 def modelled(model: dict[str, float], row: dict[str, Any]) -> float:
     """A contact step of a contender by the model [s]; NaN for several devices of one process, and for one that has more
     cores than one."""
-    if row["cores"] > row["devices"]:
+    if row["cores"] > row["devices"] or row["apart"]:
         return math.nan
     if row["devices"] == 1:
         alone = model["launch"] + model["work"] * row["count"]
@@ -301,13 +313,14 @@ def predicted(model: dict[str, float], count: float, cards: int) -> dict[str, fl
 def table(found: dict[str, dict[str, Any]], model: dict[str, float], predictions: list[dict[str, float]]) -> str:
     """Contenders with their gain, the model beside them, and the predictions."""
     heading = (
-        "contender", "million particle-steps/s, median (range)", "over one", "share of messages",
+        "contender", "million particle-steps/s, median (range)", "over one", "ns of processors a particle-step",
+        "share of messages",
         "grains of each", "ghosts of each", "moves of the cut planes a build", "by the model",
     )  # fmt: skip
     lines = [heading, ("---",) * len(heading)]
     for name, row in found.items():
         if "failed" in row:
-            lines.append((name, row["failed"], *("",) * 6))
+            lines.append((name, row["failed"], *("",) * 7))
             continue
         rate = row["million_particle_steps_per_second"]
         base = found.get(f"{name.split(':')[0]}: one")
@@ -323,7 +336,8 @@ def table(found: dict[str, dict[str, Any]], model: dict[str, float], predictions
         step = modelled(model, row)
         by_model = "" if math.isnan(step) else f"{row['count'] / step / 1e6:.3g}"
         values = f"{rate['median']:.3g} ({rate['lowest']:.3g}-{rate['highest']:.3g})"
-        lines.append((name, values, f"{gain:.2f}", share, spread, ghosts, cuts, by_model))
+        used = f"{1e9 * row['processor'] / row['count']:.0f}"
+        lines.append((name, values, f"{gain:.2f}", used, share, spread, ghosts, cuts, by_model))
     text = "\n".join(f"| {' | '.join(line)} |" for line in lines)
     numbers = [f"launch {1e6 * model['launch']:.0f} us", f"work {1e9 * model['work']:.0f} ns a grain"]
     numbers += [f"machinery {model['machinery']:.2f}", f"waiting {100 * model['waiting']:.0f} %"]

@@ -45,7 +45,7 @@ def advance_scalars(
     neighbors: Neighbors | None,
     flow: FlowOfInterval,
 ) -> tuple[ScalarState, FluidDiagnostics | None]:
-    """The scalars after an interval, and the fluid's report without the flux and heat, which are for them alone.
+    """The scalars after an interval, and the fluid's report without flux, heat and mesh, which are for them alone.
 
     The fluid carries them by the mean flux of the interval, two fluids have carried their heat in every step; then
     grains and fluid exchange heat, and contacts conduct.
@@ -66,9 +66,9 @@ def advance_scalars(
     stream = None
     if simulation.fluid is not None and flow.fluid is not None and report is not None:
         solver, fluid = simulation.fluid.solver, required(state.fluid, "state.fluid")
-        if found.capacity is not None:
-            pistons = None if state.particles is None else state.particles.pistons
-            parameters, _ = simulation.with_moved_walls(parameters, fluid, state.step, pistons)
+        if report.cut is not None:
+            properties = required(parameters.fluid, "parameters.fluid")._replace(cut=report.cut)
+            parameters = parameters._replace(fluid=properties)
         stream = FluidFlow(
             solver.grid, solver.boundary, parameters.flow, fluid, flow.fluid,
             report.flux, report.substeps, simulation.fluid.reversible, report.heat,
@@ -76,7 +76,7 @@ def advance_scalars(
         found = scalars.carried(numbers, found, stream, duration)
         sound = [jnp.all(jnp.isfinite(field)) for field in found.fields]
         sound_everywhere = all_of(simulation.cut, jnp.all(jnp.stack(sound)))
-        report = report._replace(flux=None, heat=None, finite=report.finite & sound_everywhere)
+        report = report._replace(flux=None, heat=None, cut=None, finite=report.finite & sound_everywhere)
     particles = state.particles
     if particles is None or found.grains is None:
         return found, report

@@ -51,14 +51,21 @@ def advance_fluid(
         bodies = required(parameters.bodies, "parameters.bodies").of_rows(particles.identity)
         parameters = parameters._replace(bodies=bodies)
         fluid, forces, report, exchange = simulation.coupling.advance(parameters.mixture, fluid, particles, time)
-        fluid, report = _told_heat(fluid, report)
+        fluid, report = _told_scalars(parameters, state, fluid, report)
         return fluid, forces, report, exchange
-    fluid, report = _told_heat(*simulation.fluid.advance(parameters.flow, fluid, time))
+    advanced = simulation.fluid.advance(parameters.flow, fluid, time)
+    fluid, report = _told_scalars(parameters, state, *advanced)
     return fluid, None, report, None
 
 
-def _told_heat(fluid: FluidState, report: FluidDiagnostics) -> tuple[FluidState, FluidDiagnostics]:
-    """With the heat that two fluids have carried in the report, since the temperature is one of the scalars."""
+def _told_scalars(
+    parameters: Parameters, state: State, fluid: FluidState, report: FluidDiagnostics
+) -> tuple[FluidState, FluidDiagnostics]:
+    """With what scalars need in the report: the heat that two fluids have carried, since the temperature is one of
+    them, and the mesh between walls that change their place. In slabs it would be cut twice otherwise: XLA does not
+    join what sends messages."""
+    if state.scalars is not None and state.scalars.capacity is not None:
+        report = report._replace(cut=required(parameters.fluid, "parameters.fluid").cut)
     return (fluid, report) if fluid.heat is None else (fluid._replace(heat=None), report._replace(heat=fluid.heat))
 
 

@@ -13,6 +13,7 @@ from jax import Array, lax
 from jaxdem.errors import required
 from jaxdem.fluid.boundary import coverage, largest_inflow
 from jaxdem.fluid.carried_heat import CarriedHeat
+from jaxdem.fluid.cut_cells import CutCells
 from jaxdem.fluid.fluid_state import FluidProperties, FluidState, FluidStep
 from jaxdem.fluid.grid import FaceField, Grid, along, face_average
 from jaxdem.fluid.mesh import at_side, of_slab
@@ -59,6 +60,7 @@ class FluidDiagnostics(NamedTuple):
         flux: mean volume flux on the faces; None unless the solver keeps it [m/s].
         heat: that two fluids have carried; None without.
         response: of the loads to the speeds of pistons, mean over the steps; None without pistons in the fluid.
+        cut: the mesh of the interval, for scalars between walls that change their place; None without these.
     """
 
     substeps: Array
@@ -74,6 +76,7 @@ class FluidDiagnostics(NamedTuple):
     flux: FaceField | None = None
     heat: CarriedHeat | None = None
     response: SurfaceResponse | None = None
+    cut: CutCells | None = None
 
 
 class Substeps(NamedTuple):

@@ -47,13 +47,21 @@ class Blocks:
         """The tree of the neighbour above; zeros in the last slab where the axis is not periodic."""
         return self._shifted(tree, -1)
 
-    def from_both(self, lowest: Tree, highest: Tree) -> tuple[Tree, Tree]:
+    def from_both(self, lowest: Array, highest: Array) -> tuple[Array, Array]:
         """What the neighbour below sends of its `highest`, and the one above of its `lowest`; zeros where none is.
 
-        Two messages also where two slabs could exchange both in one: a run in one process is then no longer that of
-        several bit for bit.
+        Two slabs have one neighbour each, and exchange arrays of one shape in one message.
         """
-        return self.from_lower(highest), self.from_upper(lowest)
+        if self.number != 2 or lowest.shape != highest.shape:
+            return self.from_lower(highest), self.from_upper(lowest)
+        other = [(0, 1), (1, 0)]
+        if self.periodic:
+            come = lax.ppermute(jnp.stack((highest, lowest)), MESH_AXIS, other)
+            return come[0], come[1]
+        first = self.index() == 0
+        come = lax.ppermute(jnp.where(first, highest, lowest), MESH_AXIS, other)
+        none = jnp.zeros_like(come)
+        return jnp.where(first, none, come), jnp.where(first, come, none)
 
     def _shifted(self, tree: Tree, steps: int) -> Tree:
         if self.number == 1:

@@ -24,7 +24,7 @@ from jaxdem.particles.integrate import Motion, ParticleState, split_low
 from jaxdem.particles.mesh_contact import MeshMemory
 from jaxdem.particles.neighbor_search import NeighborSearch
 from jaxdem.particles.neighbors import Neighbors
-from jaxdem.particles.slab_bonds import relisted, rows_first, rows_last
+from jaxdem.particles.slab_bonds import relisted, rows_first, rows_last, without_ghosts_gone
 from jaxdem.particles.slab_list import History, history_of, memory_of_rows, memory_of_slab, of_pairs, renewed_list
 from jaxdem.particles.slab_rows import Sizes, Standing
 
@@ -79,7 +79,7 @@ def settled(
     if division.stray:
         out = out & (jnp.abs(away) - half > division.stray * search.geometry.cutoff)
     # Particles that have left or come are not yet in the list.
-    changed = jnp.any(required(particles.identity, "identity of the particles") != ghosts.identity[: ghosts.rows])
+    changed = jnp.any(~_listed(particles, ghosts))
     numbers, any_out = _numbers(blocks, active, jnp.any(out) | changed)
     planes = ghosts.planes
     if division.balanced and blocks.number > 1:
@@ -100,6 +100,11 @@ def settled(
 def _positions(particles: ParticleState) -> tuple[vectors.Vector, tuple[Any, ...]]:
     position = lax.stop_gradient(vectors.components(particles.position))
     return position, lax.stop_gradient(split_low(particles.position_low, len(position)))
+
+
+def _listed(particles: ParticleState, ghosts: Ghosts) -> Array:
+    """(R,) bool, rows that have the particle with which the list was made, or none as then."""
+    return required(particles.identity, "identity of the particles") == ghosts.identity[: ghosts.rows]
 
 
 def _numbers(blocks: Blocks, active: Array, condition: Array) -> tuple[Array, Array]:
@@ -154,6 +159,8 @@ def _moved(
     particles, neighbors, along = all_
     ghosts, active = required(neighbors.ghosts, "ghosts of a list"), required(particles.active, "active")
     steps = jnp.where(active, division.steps_to(planes, *_positions(particles)), 0)
+    bonds = without_ghosts_gone(division.blocks, ghosts, particles.bonds, _listed(particles, ghosts))
+    particles = particles._replace(bonds=bonds)
     rows, needed = _sent(division.blocks, _rows(particles, neighbors, along), steps, ghosts)
     history, meshes = jax.tree.map(jnp.transpose, (rows.history, rows.meshes))
     here, number = required(rows.particles.active, "active"), required(rows.particles.identity, "identity")
@@ -182,7 +189,7 @@ def _moved(
 def _rows(particles: ParticleState, neighbors: Neighbors, along: Any) -> _Rows:
     """What goes along; a row whose particle has come since the list was made has no contacts."""
     ghosts = required(neighbors.ghosts, "ghosts of a list")
-    same = required(particles.identity, "identity of the particles") == ghosts.identity[: ghosts.rows]
+    same = _listed(particles, ghosts)
     history = history_of(particles.contact_spring, neighbors)
     history = history._replace(partner=jnp.where(same[None], history.partner, -1))
     meshes = tuple(

@@ -71,22 +71,31 @@ def noted(bonds: BondState) -> BondState:
     return bonds._replace(kept=kept._replace(status=status))
 
 
-def without_those_gone(blocks: Blocks, ghosts: Ghosts, bonds: BondState, stays: Array) -> BondState:
-    """The bonds after grains have left, whose bonds are in the record.
+def without_those_gone(ghosts: Ghosts, bonds: BondState, stays: Array) -> BondState:
+    """The bonds after own grains have left, whose bonds are in the record. Of ghosts that have left see
+    `without_ghosts_gone`.
 
     Args:
-        blocks, ghosts: of the slab.
+        ghosts: of the slab.
         bonds: with what the own grains keep.
         stays: (R,) bool, whose grain has not left.
     """
-    (there,) = with_ghosts(blocks, ghosts, (stays.astype(jnp.int32),))
-    bonds = noted(bonds.without(there > 0))
+    beside = jnp.ones(len(ghosts.identity) - ghosts.rows, bool)
+    bonds = noted(bonds.without(jnp.concatenate((stays, beside))))
     kept, record = required(bonds.kept, "what grains keep of bonds"), required(bonds.record, "record of the bonds")
     known = required(record.status, "status of the record")
     left = (ghosts.own & ~stays)[None] & (kept.partner >= 0)
     number = jnp.where(left, kept.number, len(known))
     known = known.at[number].max(kept.status.astype(known.dtype), mode="drop")
     return bonds._replace(record=record._replace(status=known))
+
+
+def without_ghosts_gone(blocks: Blocks, ghosts: Ghosts, bonds: BondState | None, stays: Array) -> BondState | None:
+    """The bonds with those ended of which the neighbours' grain has left. Arguments as above."""
+    if bonds is None or required(bonds.record, "record of the bonds").status is None:  # nobody leaves
+        return bonds
+    (there,) = with_ghosts(blocks, ghosts, (stays.astype(jnp.int32),))
+    return noted(bonds.without(there > 0))
 
 
 def with_new_grains(bonds: BondState, new: Array) -> BondState:

@@ -61,7 +61,7 @@ def renewed_in_slab(
     particles = without_those_outside(population, particles)
     stays, bonds = required(particles.active, "active"), particles.bonds
     if bonds is not None:
-        particles = particles._replace(bonds=without_those_gone(division.blocks, ghosts, bonds, stays))
+        particles = particles._replace(bonds=without_those_gone(ghosts, bonds, stays))
     number = jnp.where(stays, required(particles.identity, "identity"), -1)
     particles, lacking = particles._replace(identity=number), jnp.zeros((), jnp.int32)
     for inlet in range(len(population.inlets)):

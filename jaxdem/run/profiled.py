@@ -48,7 +48,8 @@ class ProfiledProgram:
         keeps_flux = own.fluid is not None and own.fluid.solver.keeps_flux
         report: Any = SAME
         if keeps_flux:
-            report = FluidDiagnostics(*(SAME,) * len(FluidDiagnostics._fields))._replace(flux=SLABS, heat=SLABS)
+            report = FluidDiagnostics(*(SAME,) * len(FluidDiagnostics._fields))
+            report = report._replace(flux=SLABS, heat=SLABS, cut=SLABS)
         flow: Any = FlowOfInterval(SLABS, SLABS, report)
         self._placed = simulation.on_devices if isinstance(simulation, DividedSimulation) else _as_they_are
         parameters = self._placed(parameters)

@@ -95,7 +95,8 @@ def test_the_derivative_of_a_replicated_sum_is_that_on_one_device():
 @pytest.mark.parametrize("periodic", [False, True])
 @pytest.mark.parametrize("number", NUMBERS)
 def test_both_ways_are_a_message_each(number, periodic):
-    """Of one slab none: it is its own neighbour, or has none."""
+    """Of one slab none: it is its own neighbour, or has none. Of two slabs one, unless the arrays differ in length.
+    Slopes by both are those of each way alone."""
     blocks = Blocks(number, 0, periodic)
     low, high = np.random.default_rng(0).normal(size=(2, number))
     program = jax.jit(lambda a, b: on_slabs(blocks, blocks.from_both, a, b))
@@ -105,4 +106,16 @@ def test_both_ways_are_a_message_each(number, periodic):
         expected[0][0] = expected[1][-1] = 0.0
     np.testing.assert_array_equal(below, expected[0])
     np.testing.assert_array_equal(above, expected[1])
-    assert program.lower(low, high).as_text().count("collective_permute") == (2 if number > 1 else 0)
+    assert program.lower(low, high).as_text().count("collective_permute") == {1: 0, 2: 1, 4: 2}[number]
+
+    def weighted(exchange):
+        def objective(low, high):
+            below, above = on_slabs(blocks, exchange, low, high)
+            return jnp.sum(jnp.sin(below) * 2.0 + above**3)
+
+        return jax.jit(jax.grad(objective, argnums=(0, 1)))(low, high)
+
+    slopes = weighted(blocks.from_both), weighted(lambda a, b: (blocks.from_lower(b), blocks.from_upper(a)))
+    np.testing.assert_array_equal(*slopes)
+    longer = jax.jit(lambda a, b: on_slabs(blocks, lambda a, b: blocks.from_both(jnp.stack((a, a)), b)[0], a, b))
+    np.testing.assert_array_equal(longer(low, high), expected[0])

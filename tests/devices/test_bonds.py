@@ -180,6 +180,23 @@ def test_plates_in_space_on_four_devices():
             assert apart(x, y) < 1e-11, name
 
 
+def always_sent(program):
+    """Messages that a program sends whatever happens, and not in a branch or a loop."""
+    parts = [getattr(part, "jaxpr", part) for one in program.eqns if one.primitive.name not in ("cond", "while")
+             for part in one.params.values()]  # fmt: skip
+    own = sum(one.primitive.name == "ppermute" for one in program.eqns)
+    return own + sum(always_sent(part) for part in parts if hasattr(part, "eqns"))
+
+
+def test_no_message_of_its_own_tells_which_grains_have_left():
+    """Nothing is sent in an interval outside of its contact steps, as long as nobody leaves, comes or changes slabs."""
+    scene = jaxdem.load_scene(cold(tables_of_all()))
+    divided, parameters = jaxdem.build(scene, devices=2)
+    start = jaxdem.initial_state(scene, divided, parameters)
+    assert start[0].particles.bonds.record.status is not None
+    assert always_sent(jax.make_jaxpr(divided.step)(parameters, *start).jaxpr) == 0
+
+
 def test_what_slabs_would_lose_is_refused():
     """Bonds longer than the neighbour list reaches."""
     scene = jaxdem.load_scene(tables_of_plates(contact={"young_modulus": 5e6, "speed": 3.0, "skin": 0.05}))

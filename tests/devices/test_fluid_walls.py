@@ -8,6 +8,7 @@ import pytest
 
 import jaxdem
 from jaxdem import InputError, devices
+from jaxdem.coupling.walls_in_fluid import WallsInFluid
 from jaxdem.setup.builder import build_case
 from tests.cases.fluid_slabs import compared, fluid_scene
 from tests.cases.pistons_in_fluid import STEP, before_column, march
@@ -26,12 +27,13 @@ from tests.cases.tiers import COMBINATION
         pytest.param("piston, diffusion", 2, 1, marks=COMBINATION),
     ],
 )
-def test_flow_and_loads_are_those_of_one_device(name, number, axis):
+def test_flow_and_loads_are_those_of_one_device(name, number, axis, monkeypatch):
     """After five intervals: fields within 1e-11, the same iterations of the pressure, and forces and torques on the
     walls; of grains beside them places, velocities and forces, and temperatures of both. Volume and momentum balance,
     and nothing is gathered.
 
-    A slab has no more of the open parts than its cells, and the faces on its borders.
+    A slab has no more of the open parts than its cells, and the faces on its borders. A mesh that moves is cut once an
+    interval, for fluid and temperatures.
     """
     scene = jaxdem.load_scene(SCENES[name])
     simulation, parameters = jaxdem.build(scene)
@@ -47,8 +49,10 @@ def test_flow_and_loads_are_those_of_one_device(name, number, axis):
     for back, whole in zip(jax.tree.leaves(divided.of_whole(own)), jax.tree.leaves(parameters), strict=True):
         np.testing.assert_array_equal(back, whole)
     slabs, lists = devices.distributed(divided, own, state, neighbors)
+    cuts, over = [], WallsInFluid.over
+    monkeypatch.setattr(WallsInFluid, "over", lambda *given: cuts.append(name) or over(*given))
     one, many = jax.jit(simulation.step), jax.jit(divided.step).lower(own, slabs, lists).compile()
-    assert "all-gather" not in many.as_text()
+    assert "all-gather" not in many.as_text() and len(cuts) == (simulation.walls_in_fluid is not None)
     for _ in range(5):
         state, neighbors, report = one(parameters, state, neighbors)
         slabs, lists, figures = many(own, slabs, lists)
