@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxdem.errors import InputError
+from jaxdem.errors import InputError, required
 from jaxdem.scene.cohesion import STRENGTH, Cohesion
 from jaxdem.setup.contact_bodies import ContactBody, effective
 from jaxdem.setup.particles import ParticleSetup
@@ -213,6 +213,15 @@ def cohesion_reach(particles: ParticleSetup) -> float:
             "lower it, or stiffen the contact" if table.kind == "jkr" else "lower it",
         )
     return pair.reach
+
+
+def largest_bridge_damping(particles: ParticleSetup, radius: float) -> float:
+    """6 pi mu R*^2 / (minimum gap), what a viscous bridge between two bodies with R* resists their approach and parting
+    by at most [N s/m]; 0 without."""
+    table = particles.contact.cohesion
+    if table is None or not table.liquid_viscosity:
+        return 0.0
+    return 6.0 * math.pi * table.liquid_viscosity * radius**2 / required(table.minimum_gap, "minimum_gap")
 
 
 def check_bridges(particles: ParticleSetup) -> None:

@@ -9,7 +9,7 @@ from jaxdem.particles.materials import TANGENTIAL_SHARE
 from jaxdem.scene import Contact
 from jaxdem.setup import stability
 from jaxdem.setup.bond_stability import bond_growth
-from jaxdem.setup.cohesion import Pair, bridge_volume, strongest
+from jaxdem.setup.cohesion import Pair, bridge_volume, largest_bridge_damping, strongest
 from jaxdem.setup.contact_bodies import ContactBody, ContactConstants, crowding, worst_constants
 from jaxdem.setup.lubrication import largest_resistance, largest_shear
 from jaxdem.setup.particles import ParticleSetup
@@ -53,9 +53,10 @@ def contact_stability(
         return overlap or min(deepest, contact.maximum_overlap * 2.0 * small)
 
     def with_film(contact: stability.LinearContact, radius: float) -> stability.LinearContact:
-        """Bodies that press each other have no film between them, but their neighbours may."""
+        """Bodies that press each other have no film between them, but their neighbours may; and all have bridges."""
+        liquid = largest_resistance(particles, radius) + largest_bridge_damping(particles, radius)
         return contact._replace(
-            normal_damping=contact.normal_damping + largest_resistance(particles, radius),
+            normal_damping=contact.normal_damping + liquid,
             tangential_damping=contact.tangential_damping + largest_shear(particles, radius, small),
         )
 

@@ -550,18 +550,23 @@ def fluid_limit(name: str, stream: tuple[float, float], viscosity: float, advect
     return Limit("fluid", name, predicted, found, default, f"stable to a {number} number of {value:.2f}")
 
 
-def lubrication_limit(wall: bool) -> Limit:
+def liquid_limit(wall: bool, bridge: bool) -> Limit:
     """A sphere within the roughness of another one, or of a wall, in a liquid that stops it faster than contacts part
-    it: a perturbation of its speed, of its sliding and of its spin may not grow."""
-    film = {"cutoff": 1e-5, "roughness": 1e-6, "viscosity": 20.0}
-    near = [[0.005, 1e-3 + 5e-7]] if wall else [[0.003, 0.005], [0.0050005, 0.005]]
+    it, or that touches it and has a bridge of such a liquid: a perturbation of its speed, of its sliding and of its
+    spin may not grow."""
+    liquid = {"lubrication": {"cutoff": 1e-5, "roughness": 1e-6, "viscosity": 20.0}}
+    gap = 5e-7
+    if bridge:  # with next to no pull
+        table = {"surface_tension": 1e-9, "liquid_content": 0.1, "liquid_viscosity": 20.0, "minimum_gap": 1e-6}
+        liquid, gap = {"cohesion": {"kind": "capillary", "contact_angle": 0.0} | table}, -1e-9
+    near = [[0.005, 1e-3 + gap]] if wall else [[0.003, 0.005], [0.005 + gap, 0.005]]
     sides = ("left", "right") if wall else ("left", "right", "bottom", "top")
     scene = jaxdem.load_scene(
         {
             "precision": "float64",
             "domain": {"size": [0.01, 0.01], "gravity": [0.0, 0.0]},
             "particles": {"radius": 1e-3, "density": DENSITY, "position": near},
-            "contact": {"young_modulus": 1e7, "restitution": 1.0, "friction": 0.0, "speed": 1e-3, "lubrication": film},
+            "contact": {"young_modulus": 1e7, "restitution": 1.0, "friction": 0.0, "speed": 1e-3} | liquid,
             "boundary": {side: {"kind": "periodic"} for side in sides},
             "time": {"end": 1.0, "output_interval": 1.0},
         }
@@ -583,7 +588,10 @@ def lubrication_limit(wall: bool) -> Limit:
         return kinetic_energy(end, parameters.bodies) < GROWTH * kinetic_energy(start, parameters.bodies)
 
     found = largest_stable(stable, limits["contact_stability"], 0.5, 8.0)
-    name = "a sphere near a wall in a liquid" if wall else "two near spheres in a liquid"
+    names = ("two near spheres in a liquid", "a sphere near a wall in a liquid")
+    if bridge:
+        names = ("two spheres with a viscous bridge", "a sphere with a viscous bridge to a wall")
+    name = names[wall]
     return Limit("contact", name, limits["contact_stability"], found, limits["contact_automatic"])
 
 
@@ -624,7 +632,8 @@ def limits() -> dict[str, Callable[[], Limit]]:
     ):  # fmt: skip
         table[f"bonds: {name}, {shear:g}, {damping:g}"] = functools.partial(bond_limit_of, name, shear, damping)
     for wall, name in ((False, "two near spheres"), (True, "a sphere near a wall")):
-        table[f"contact: {name} in a liquid"] = functools.partial(lubrication_limit, wall)
+        table[f"contact: {name} in a liquid"] = functools.partial(liquid_limit, wall, False)
+        table[f"contact: {name}, bridge"] = functools.partial(liquid_limit, wall, True)
     streams = {
         "stream along x, limited": ((1.0, 0.0), 1e-6, "limited"),
         "stream along x, upwind": ((1.0, 0.0), 1e-6, "upwind"),

@@ -40,6 +40,7 @@ KINDS = {
                   "minimum_gap": 1e-5},
     "sjkr": {"kind": "sjkr", "energy_density": 1e4},
 }  # fmt: skip
+THICK = KINDS["capillary"] | {"liquid_viscosity": 50.0}
 TABLES = {
     "precision": "float64",
     "domain": {"size": [0.02, 0.02], "gravity": [0.0, -9.81]},
@@ -84,6 +85,8 @@ WRONG = {
     "linear law": (JKR, {"contact": {"law": "linear_spring_dashpot", "normal_stiffness": 1e3, "cohesion": JKR}},
                    "contact.cohesion.kind", "Hertz"),
     "parcels": (JKR, {"particles": TABLES["particles"] | {"coarse_grain": 2.0}}, "contact.cohesion.kind", "parcels"),
+    "a step that a thick liquid makes unstable": (THICK, {"contact": TABLES["contact"] | {"time_step": 2e-6,
+                                                  "cohesion": THICK}}, "contact.time_step", "stable step"),
     "material without cohesion": (None, {"materials": [{"name": "a", "work_of_adhesion": 0.1}], **OF_A},
                                   "materials.0.work_of_adhesion", "no [contact.cohesion]"),
     "material of another kind": (JKR, {"materials": [{"name": "a", "energy_density": 0.1}], **OF_A},
