@@ -7,7 +7,7 @@ import pytest
 
 from jaxdem import build, initial_state, load_scene
 from jaxdem.coupling.walls_in_fluid import WallsInFluid
-from tests.cases.tiers import tiered
+from tests.cases.tiers import COMBINATION, tiered
 from tests.test_fluid_walls import refusal, tables
 from tests.test_moving_fluid_walls import BOX, STREAM, march
 
@@ -53,6 +53,7 @@ def test_a_gate_that_vanishes_leaves_the_stream_of_a_box_without_it():
     assert difference(states[5], stays) > 0.1  # negative control: the gate is felt
 
 
+@COMBINATION
 def test_a_wall_that_comes_stops_the_stream():
     _, _, found = march(tables(POST | {"begin": 0.02}, grains=False, **FLOWING), 5)
     assert float(jnp.abs(found[1][0].fluid.face_velocity[0] - 0.3).max()) < 1e-13

@@ -22,7 +22,7 @@ from jaxdem.io import read_checkpoint
 from jaxdem.particles.packing import deepest_overlap
 from jaxdem.run.time_loop import Interrupted
 from jaxdem.setup.builder import build_case
-from tests.cases.tiers import tiered
+from tests.cases.tiers import COMBINATION, tiered
 
 RADIUS, HALF, END = 0.01, 0.06, 0.12
 SCENE = {
@@ -287,6 +287,7 @@ def test_what_cannot_be_is_named(half, changes, message):
         first_state(later(half, changes))
 
 
+@COMBINATION
 def test_a_larger_box_with_a_new_fluid_and_another_law(half):
     """All of it changes at once: box, mesh, contact law, rolling springs, sides, no inlet."""
     changes = {
@@ -322,6 +323,7 @@ def test_initial_state_of_python_and_a_scene_without_particles_written(half):
     assert Path(scene.start.from_).is_absolute()
 
 
+@COMBINATION
 def test_a_merge_with_an_inlet(half):
     """Those that have come in are merged; the inlet goes on with parcels, and those that wait never come."""
     before = read_checkpoint(half.path / "checkpoint.h5")[0]

@@ -41,7 +41,7 @@ SECOND = frozenset({
     "cohesive spheres: momentum and energy", "lubrication: wet restitution over the Stokes number",
     "lubrication: a steel ball that bounces in oil", "energy of an elastic gas",
     "beam of bonded grains: first frequency", "bonds: energy, momentum and angular momentum of a free strand",
-    "half-filled drum", "consolidation under a piston",
+    "half-filled drum", "consolidation under a piston", "granular column collapse",
     # The fluid: the same solver at finer meshes, and beside further walls.
     "Taylor-Green vortices, time alone", "lid-driven cavity",
     "Channels tilted in the mesh with Smagorinsky's viscosity", "Slow flow round a cylinder within another one",

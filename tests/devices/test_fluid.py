@@ -8,6 +8,7 @@ import pytest
 import jaxdem
 from jaxdem import InputError, devices
 from tests.cases.fluid_slabs import ALONG_X, FLUIDS, compared, coupled_scene, places
+from tests.cases.tiers import COMBINATION
 
 SIZE = [0.4, 0.2]
 
@@ -113,6 +114,7 @@ def test_gradient_through_coupled_steps_is_that_of_one_device():
         np.testing.assert_allclose(one, other, rtol=1e-10, atol=1e-10 * np.abs(other).max())
 
 
+@COMBINATION
 def test_a_fluid_alone_goes_into_slabs_and_on():
     """From `build` to `gathered` without particles; and back onto one device."""
     scene = jaxdem.load_scene(FLUIDS["stream"])

@@ -20,7 +20,7 @@ from jaxdem.failures import failures
 from jaxdem.particles.neighbors import Room
 from tests.cases.fluid_slabs import ALONG_X, compared, coupled_scene
 from tests.cases.slabs import apart
-from tests.cases.tiers import tiered
+from tests.cases.tiers import COMBINATION
 
 DEVICES, SCENES, DIAMETER = 2, 5, 0.02
 PERIODIC = {"kind": "periodic"}
@@ -132,8 +132,9 @@ def scattered(state, box, draw):
     return state._replace(particles=particles)
 
 
-@pytest.mark.parametrize("seed", tiered(range(SCENES), first=range(2)))
-@pytest.mark.parametrize("kind", tiered(RANDOM, first=["3-D, two periodic sides"]))
+@COMBINATION
+@pytest.mark.parametrize("seed", range(SCENES))
+@pytest.mark.parametrize("kind", RANDOM)
 def test_a_random_scene_is_that_of_one_device(kind, seed):
     """The same grains and contacts; forces, motion and fluid to rounding, which collisions enlarge; momentum kept."""
     simulation, divided, parameters, state, one, many = programs(kind)

@@ -15,6 +15,7 @@ from jaxdem.fluid.carried_heat import CarriedHeat
 from jaxdem.fluid.scalar_transport import ScalarField
 from jaxdem.setup.phases import first_temperature
 from tests.cases.heat_in_two_fluids import Layers
+from tests.cases.tiers import COMBINATION
 
 TANK = {
     "precision": "float64",
@@ -95,6 +96,7 @@ def test_heat_that_is_conducted_too_fast_to_follow_is_refused(table, name):
     assert error.value.key == f"{table}.{name}"
 
 
+@COMBINATION
 def test_slopes_go_through_conduction_of_layers():
     """By the conductivity of the second fluid, against central differences."""
     layers = Layers(8, 0.55, (400.0, 300.0))

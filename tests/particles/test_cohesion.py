@@ -28,7 +28,7 @@ from jaxdem.particles.cohesion import (
 from jaxdem.particles.materials import surroundings
 from tests.cases.cohesion import EFFECTIVE_MODULUS, EFFECTIVE_RADIUS, RADIUS, WORK, jkr_radii, two
 from tests.cases.surfaces import flight, grains_scene, plane_mesh, saved
-from tests.cases.tiers import tiered
+from tests.cases.tiers import COMBINATION, tiered
 from tests.cases.worlds import World, advance, constants, forces, track, world
 
 JKR = {"kind": "jkr", "work_of_adhesion": 0.05}
@@ -229,7 +229,8 @@ def test_a_tangential_spring_lives_in_the_neck():
         assert abs(spring) == pytest.approx(held * 3e-9, rel=0.02, abs=1e-15)
 
 
-@pytest.mark.parametrize("kind", tiered(["dmt", "sjkr"], first=["dmt"]))
+@COMBINATION
+@pytest.mark.parametrize("kind", ["dmt", "sjkr"])
 def test_a_mesh_pulls_as_a_plane(kind, tmp_path):
     """Grains that fall on a plane of triangles, stick or slide: the same as on a plane wall."""
     path = saved(plane_mesh(10, warp=0.3), tmp_path / "plane.ply")

@@ -78,7 +78,8 @@ def test_a_plane_of_triangles_that_moves_is_a_plane_that_moves(planes):
     assert np.abs(still.position - expected.position).max() > 1e-3
 
 
-@pytest.mark.parametrize("model", tiered(["epsd", "cdt"], first=["epsd"]))
+@COMBINATION
+@pytest.mark.parametrize("model", ["epsd", "cdt"])
 def test_a_turning_plane_of_triangles_resists_rolling_as_a_turning_plane(planes, model):
     """Rolling resistance is against the spin of the wall; one against the spin in the box would brake the grains."""
     motion = [{"kind": "rotation", "axis": [0.6, 0.8, 0.0], "center": [0.5, 0.5, HEIGHT], "rate": 0.5}]
@@ -238,6 +239,7 @@ def test_meshes_that_cannot_be_meant_are_refused(tmp_path):
     assert len(flight(grains_scene([{"kind": "mesh", "file": twice, **place, "repair": True}], free), 1).position)
 
 
+@COMBINATION
 def test_a_resumed_run_is_the_same_bit_for_bit_and_loads_are_measured(planes):
     """State, list and what contacts with the mesh keep go through a checkpoint; the mesh bears the weight."""
     weight = 2500.0 * 4.0 / 3.0 * np.pi * 0.02**3 * 9.81
