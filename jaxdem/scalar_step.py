@@ -10,6 +10,7 @@ from jax import named_scope
 from jaxdem.coupling.exchange_result import FluidForces
 from jaxdem.errors import required
 from jaxdem.fluid.carried_heat import CarriedHeat
+from jaxdem.fluid.dissolved import CarriedScalar
 from jaxdem.fluid.fluid_state import FluidState
 from jaxdem.fluid.interval import FluidDiagnostics
 from jaxdem.numerics.blocks import all_of
@@ -17,8 +18,8 @@ from jaxdem.particles.clump_forces import as_members
 from jaxdem.particles.materials import ContactParameters
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.scalars.conduction import Conductances, Touching, conductances
+from jaxdem.scalars.flow import FluidFlow, GrainsInFluid
 from jaxdem.scalars.scalar_state import ScalarState
-from jaxdem.scalars.scalars import FluidFlow, GrainsInFluid
 from jaxdem.state import Parameters, State
 from jaxdem.structure import Structure
 
@@ -45,9 +46,9 @@ def advance_scalars(
     neighbors: Neighbors | None,
     flow: FlowOfInterval,
 ) -> tuple[ScalarState, FluidDiagnostics | None]:
-    """The scalars after an interval, and the fluid's report without flux, heat and mesh, which are for them alone.
+    """The scalars after an interval, and the fluid's report without what is for them alone.
 
-    The fluid carries them by the mean flux of the interval, two fluids have carried their heat in every step; then
+    The fluid carries them by the mean flux of the interval, two fluids have carried them in every step; then
     grains and fluid exchange heat, and contacts conduct.
     The grains stand where they stood at its start, as they do for the fluid. What contacts take from the motion, and
     grains that come and leave, follow in `particle_step`.
@@ -71,12 +72,13 @@ def advance_scalars(
             parameters = parameters._replace(fluid=properties)
         stream = FluidFlow(
             solver.grid, solver.boundary, parameters.flow, fluid, flow.fluid,
-            report.flux, report.substeps, simulation.fluid.reversible, report.heat,
+            report.flux, report.substeps, simulation.fluid.reversible, report.heat, report.dissolved,
         )  # fmt: skip
         found = scalars.carried(numbers, found, stream, duration)
         sound = [jnp.all(jnp.isfinite(field)) for field in found.fields]
         sound_everywhere = all_of(simulation.cut, jnp.all(jnp.stack(sound)))
-        report = report._replace(flux=None, heat=None, cut=None, finite=report.finite & sound_everywhere)
+        sound_everywhere = report.finite & sound_everywhere
+        report = report._replace(flux=None, heat=None, dissolved=None, cut=None, finite=sound_everywhere)
     particles = state.particles
     if particles is None or found.grains is None:
         return found, report
@@ -118,21 +120,28 @@ def with_buoyancy(simulation: Structure, parameters: Parameters, state: State) -
     scalars, found = simulation.scalars, state.scalars
     if scalars is None or scalars.heat is None or not scalars.heat.expands or found is None:
         return parameters
-    if required(parameters.fluid, "parameters.fluid").second is not None:  # in every step, see `with_carried_heat`
+    if required(parameters.fluid, "parameters.fluid").second is not None:  # in every step, see `with_carried_scalars`
         return parameters
     numbers, solver = required(parameters.scalars, "parameters.scalars"), required(simulation.fluid, "fluid").solver
     lift = scalars.buoyancy(numbers, found, solver.grid, parameters.gravity)
     return parameters._replace(fluid=required(parameters.fluid, "parameters.fluid")._replace(buoyancy=lift))
 
 
-def with_carried_heat(simulation: Structure, parameters: Parameters, state: State) -> tuple[Parameters, FluidState]:
-    """Parameters and fluid at the start of an interval in which two fluids carry their heat; as they are where there is
-    one fluid, or no temperature."""
+def with_carried_scalars(simulation: Structure, parameters: Parameters, state: State) -> tuple[Parameters, FluidState]:
+    """Parameters and fluid at the start of an interval in which two fluids carry their heat and what is dissolved in
+    them; as they are where there is one fluid, or no scalar."""
     scalars, found, fluid = simulation.scalars, state.scalars, required(state.fluid, "state.fluid")
     properties = required(parameters.fluid, "parameters.fluid")
-    if scalars is None or scalars.temperature is None or found is None or properties.second is None:
+    if scalars is None or found is None or properties.second is None:
         return parameters, fluid
-    numbers = scalars.of_phases(required(parameters.scalars, "parameters.scalars"), properties)
-    second = properties.second._replace(heat=numbers)
-    warm = CarriedHeat(found.fields[scalars.temperature], jnp.zeros_like(found.supplied.sides[0]))
-    return parameters._replace(fluid=properties._replace(second=second)), fluid._replace(heat=warm)
+    numbers, second = required(parameters.scalars, "parameters.scalars"), properties.second
+    if scalars.temperature is not None:
+        second = second._replace(heat=scalars.of_phases(numbers, properties))
+        warm = found.fields[scalars.temperature]
+        fluid = fluid._replace(heat=CarriedHeat(warm, jnp.zeros_like(found.supplied.sides[0])))
+    if dissolved := scalars.dissolved(numbers):
+        second = second._replace(dissolved=dissolved)
+        others = (field for number, field in enumerate(found.fields) if number != scalars.temperature)
+        zero = jnp.zeros_like(found.supplied.sides[0])
+        fluid = fluid._replace(dissolved=tuple(CarriedScalar(field, zero) for field in others))
+    return parameters._replace(fluid=properties._replace(second=second)), fluid

@@ -11,7 +11,7 @@ from jaxdem.fluid.interval import FluidDiagnostics
 from jaxdem.particle_step import at_end_of_interval, buried_particles, moved_particles, of_rows, particle_report
 from jaxdem.particles.integrate import ParticleState
 from jaxdem.particles.neighbors import Neighbors
-from jaxdem.scalar_step import FlowOfInterval, advance_scalars, with_buoyancy, with_carried_heat
+from jaxdem.scalar_step import FlowOfInterval, advance_scalars, with_buoyancy, with_carried_scalars
 from jaxdem.scalars.scalar_state import ScalarState
 from jaxdem.state import Diagnostics, Parameters, ParticleDiagnostics, Places, State
 from jaxdem.structure import Structure
@@ -43,7 +43,7 @@ def advance_fluid(
     parameters = with_buoyancy(simulation, simulation.during(parameters, state.step), state)
     parameters = _numbered(parameters, state.step)
     time = simulation.time(parameters, state)
-    parameters, fluid = with_carried_heat(simulation, parameters, state)
+    parameters, fluid = with_carried_scalars(simulation, parameters, state)
     pistons = None if state.particles is None else state.particles.pistons
     parameters, fluid = simulation.with_moved_walls(parameters, fluid, state.step, pistons)
     if simulation.coupling is not None:
@@ -61,12 +61,12 @@ def advance_fluid(
 def _told_scalars(
     parameters: Parameters, state: State, fluid: FluidState, report: FluidDiagnostics
 ) -> tuple[FluidState, FluidDiagnostics]:
-    """With what scalars need in the report: the heat that two fluids have carried, since the temperature is one of
-    them, and the mesh between walls that change their place. In slabs it would be cut twice otherwise: XLA does not
+    """With what scalars need in the report: those that two fluids have carried, and the mesh between walls that change their place. In slabs it would be cut twice otherwise: XLA does not
     join what sends messages."""
     if state.scalars is not None and state.scalars.capacity is not None:
         report = report._replace(cut=required(parameters.fluid, "parameters.fluid").cut)
-    return (fluid, report) if fluid.heat is None else (fluid._replace(heat=None), report._replace(heat=fluid.heat))
+    report = report._replace(heat=fluid.heat, dissolved=fluid.dissolved)
+    return fluid._replace(heat=None, dissolved=None), report
 
 
 def _numbered(parameters: Parameters, step: Array) -> Parameters:

@@ -66,7 +66,8 @@ REFUSED = {
     },
     "surface.conductivity": {"surface__conductivity": 0.03},
     "surface.temperature": {"surface__temperature": 0.0},
-    "scalars": {"scalars": [{"name": "dye"}]},
+    "scalars.0.name": {"scalars": [{"name": "liquid_fraction"}]},
+    "scalars.0.dissolved_in": {"scalars": [{"name": "dye", "dissolved_in": "gas"}]},
     "walls.0.fluid": {
         "walls": [{"kind": "cylinder", "center": [0.2, 0.1], "radius": 0.03, "inside": False, "fluid": "no_slip"}]
     },

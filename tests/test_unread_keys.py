@@ -35,6 +35,7 @@ CONDUCTS = {"heat.particle_conductivity": 1.0, "heat.true_young_modulus": 6e10}
 WATER = {"fluid": {"cells": [5, 5]}, "coupling": {"interval": 1e-3}}
 OUTLETS = {"boundary.top.kind": "outlet", "boundary.bottom.kind": "outlet"}
 WARM = {**WATER, "heat": HEAT["heat"] | dict(fluid_heat_capacity=4e3, fluid_conductivity=0.6, fluid_temperature=300.0)}
+DYED = {**WATER, "scalars": [{"name": "dye"}]}
 EMPTY = {"particles": None, "contact": None, "coupling": None}
 
 CASES = [
@@ -55,6 +56,7 @@ CASES = [
     ("boundary.top.ramp_time", 0.2, WATER | OUTLETS, {"boundary.top.kind": "inlet"}),
     ("heat.exchange", "ranz_marshall", HEAT, WARM),
     ("heat.bed_conductivity", "open", HEAT, WARM),
+    ("scalars.0.dissolved_in", "both", DYED, {"surface": {"level": 0.05}}),
 ]
 
 

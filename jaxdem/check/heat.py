@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from jaxdem.check.engineering import Number
+from jaxdem.fluid.dissolved import Phase
 from jaxdem.scalars.nusselt import NUSSELT_LAWS
 from jaxdem.scalars.scalars import TEMPERATURE
 from jaxdem.scene import Scene
@@ -17,6 +18,10 @@ from jaxdem.state import Parameters
 
 UNEVEN = 0.1
 """Biot number from which a grain has no longer one temperature [-]."""
+
+
+PLACES: dict[Phase, str] = {"liquid": "the liquid", "second": "the second fluid", "both": "both fluids"}
+"""Where a scalar is dissolved."""
 
 
 def heat_numbers(case: Case) -> tuple[Number, ...]:
@@ -54,6 +59,8 @@ def scalar_parts(scene: Scene, simulation: Simulation, parameters: Parameters) -
     scalars = simulation.scalars
     heat = None if scalars is None else scalars.heat
     others = () if scalars is None else tuple(f.name for f in scalars.fields if f.name != TEMPERATURE)
+    if scalars is not None and scene.surface is not None:
+        others = tuple(f"{f.name} in {PLACES[f.phase]}" for f in scalars.fields if f.name != TEMPERATURE)
     carried = [(f"scalars {', '.join(others)}" if others else "scalars in the fluid", bool(others))]
     if heat is None:
         return [("temperatures", False), *(carried if simulation.fluid is not None else [])]

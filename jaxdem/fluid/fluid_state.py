@@ -8,6 +8,7 @@ from jax import Array
 
 from jaxdem.fluid.carried_heat import CarriedHeat
 from jaxdem.fluid.cut_cells import CutCells
+from jaxdem.fluid.dissolved import CarriedScalar
 from jaxdem.fluid.drive import DriveParameters
 from jaxdem.fluid.grid import FaceField
 from jaxdem.fluid.mixing_length import BedMixing
@@ -36,6 +37,7 @@ class FluidState(NamedTuple):
         pressure_change: of `pressure` in the last step: where the solver between surfaces begins, see `cut_projection`;
             None without surfaces [Pa].
         heat: temperature that two fluids carry, within a coupling interval; None outside of it, and without.
+        dissolved: scalars that they carry, the same.
     """
 
     face_velocity: FaceField
@@ -47,6 +49,7 @@ class FluidState(NamedTuple):
     liquid_supplied: Array | None = None
     pressure_change: Array | None = None
     heat: CarriedHeat | None = None
+    dissolved: tuple[CarriedScalar, ...] | None = None
 
 
 class StillDistances(NamedTuple):

@@ -14,6 +14,7 @@ from jaxdem.errors import required
 from jaxdem.fluid.boundary import coverage, largest_inflow
 from jaxdem.fluid.carried_heat import CarriedHeat
 from jaxdem.fluid.cut_cells import CutCells
+from jaxdem.fluid.dissolved import CarriedScalar
 from jaxdem.fluid.fluid_state import FluidProperties, FluidState, FluidStep
 from jaxdem.fluid.grid import FaceField, Grid, along, face_average
 from jaxdem.fluid.mesh import at_side, of_slab
@@ -59,6 +60,7 @@ class FluidDiagnostics(NamedTuple):
         surface_load: (S, D, 1 + D) mean load on the surfaces within the mesh; None without [N], [N m].
         flux: mean volume flux on the faces; None unless the solver keeps it [m/s].
         heat: that two fluids have carried; None without.
+        dissolved: scalars that they have carried; None without.
         response: of the loads to the speeds of pistons, mean over the steps; None without pistons in the fluid.
         cut: the mesh of the interval, for scalars between walls that change their place; None without these.
     """
@@ -75,6 +77,7 @@ class FluidDiagnostics(NamedTuple):
     surface_load: Array | None = None
     flux: FaceField | None = None
     heat: CarriedHeat | None = None
+    dissolved: tuple[CarriedScalar, ...] | None = None
     response: SurfaceResponse | None = None
     cut: CutCells | None = None
 

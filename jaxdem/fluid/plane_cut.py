@@ -15,8 +15,12 @@ Source: R. Scardovelli, S. Zaleski, J. Comput. Phys. 164 (2000) 228-237.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import jax.numpy as jnp
 from jax import Array, lax
+
+from jaxdem.fluid.grid import sum_of
 
 _ITERATIONS = 4
 """Newton's steps for the offset where the section is a polygon of more than four sides: the first is within a fifth of
@@ -39,6 +43,23 @@ def volume_below(normal: tuple[Array, ...], offset: Array) -> Array:
     smaller = _smaller_area if len(normal) == 2 else _smaller_volume
     volume = smaller(_sorted(normal), jnp.where(upper, 1.0 - offset, offset))
     return jnp.where(upper, 1.0 - volume, volume)
+
+
+def volume_of_slab(normal: Sequence[Array], offset: Array, axis: int, far: Array, thickness: Array) -> Array:
+    """Part of a slab of the unit cell that lies below its plane [-].
+
+    Args:
+        normal: D components m >= 0 that add up to 1.
+        offset: of the plane.
+        axis: that the slab stands across.
+        far: bool, whether it lies at the end of the cell that is full last, else at the other one.
+        thickness: of the slab, above 0 [-].
+    """
+    sizes = list(normal)
+    offset = offset - jnp.where(far, sizes[axis] * (1.0 - thickness), 0.0)
+    sizes[axis] = sizes[axis] * thickness
+    size = sum_of(sizes)
+    return volume_below(tuple(m / size for m in sizes), offset / size)
 
 
 def offset_of(normal: tuple[Array, ...], volume: Array) -> Array:

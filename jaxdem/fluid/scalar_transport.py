@@ -19,6 +19,7 @@ from jax import Array, checkpoint, lax
 from jaxdem.fluid.advection import VanLeer, surface_value
 from jaxdem.fluid.boundary import Boundary, coverage
 from jaxdem.fluid.cut_scalar import ScalarSurfaces
+from jaxdem.fluid.dissolved import Phase
 from jaxdem.fluid.grid import CellOrOne, FaceField, Grid, along, divergence, no_ends, slope_over
 from jaxdem.fluid.mesh import Ends, at_side, beyond, end_faces, layers, of_slab, with_ends
 from jaxdem.numerics.batches import cond_in_batch
@@ -42,6 +43,7 @@ class ScalarField:
         steps: smallest number of steps in an interval, for the diffusion.
         surfaces: what passes each surface within the mesh.
         finer: steps of the scalar in a fluid step, for cells that surfaces cut.
+        phase: of two fluids that it is dissolved in; not asked of temperatures, and of one fluid.
     """
 
     name: str
@@ -50,6 +52,7 @@ class ScalarField:
     steps: int = 1
     surfaces: tuple[SideKind, ...] = ()
     finer: int = 1
+    phase: Phase = "both"
 
 
 class ScalarNumbers(NamedTuple):

@@ -21,6 +21,7 @@ from jax import Array
 
 from jaxdem.fluid.boundary import Boundary, Side, open_fraction
 from jaxdem.fluid.carried_heat import HeatOfPhases
+from jaxdem.fluid.dissolved import Dissolved
 from jaxdem.fluid.grid import FaceField, Grid, along
 from jaxdem.fluid.mesh import at_side, of_slab
 
@@ -37,6 +38,7 @@ class SecondFluid(NamedTuple):
         number: () int32, of the coupling interval in progress, and in a fluid step that of the step: it orders the axes
             of the transport. None for a step on its own, whose number is its time over its length.
         heat: of both fluids, which they carry; None without temperatures.
+        dissolved: scalars that they carry.
     """
 
     density: Array
@@ -45,6 +47,7 @@ class SecondFluid(NamedTuple):
     side_level: Array
     number: Array | None = None
     heat: HeatOfPhases | None = None
+    dissolved: tuple[Dissolved, ...] = ()
 
     def in_step(self, k: Array, count: Array) -> SecondFluid:
         """In step number k of `count` in an interval."""

@@ -7,8 +7,9 @@ c is the liquid fraction, rho = rho_2 + c (rho_1 - rho_2), P the pressure, g_0 g
 particles. A step is
 
 1. the fraction is carried by the velocity at its start, in closed form in every cell (`volume_of_fluid`);
-2. heat is carried by the flux of the capacity that this makes, momentum by that of mass (`carried_heat`,
-   `carried_momentum`); stress, weight and tension are those of the new place of the surface;
+2. heat is carried by the flux of the capacity that this makes, what is dissolved by that of its fluid, momentum by
+   that of mass (`carried_heat`, `dissolved`, `carried_momentum`); stress, weight and tension are those of the new
+   place of the surface;
 3. the projection, with the new density on the faces.
 
 So the place of the surface and the velocity are half a step apart, as in the leapfrog method: waves keep their
@@ -28,6 +29,7 @@ from jaxdem.fluid.boundary import Sides, set_normal_velocity
 from jaxdem.fluid.carried_heat import CarriedHeat, carried_heat, lightened
 from jaxdem.fluid.carried_momentum import carried_momentum
 from jaxdem.fluid.curvature import surface_tension_gradient
+from jaxdem.fluid.dissolved import CarriedScalar, carried_dissolved
 from jaxdem.fluid.fluid_state import FluidProperties, FluidState, FluidStep, ParticleFields
 from jaxdem.fluid.grid import CellOrOne, FaceField, box_mean, face_average, face_control_volume
 from jaxdem.fluid.local_stress import largest_diffusivity, local_stress
@@ -106,7 +108,7 @@ class TwoFluidSolver(FluidSolver):
         )
         stress = self._stress(properties, fraction, state.face_velocity, time)
         contents = (_or_one(state.void_fraction), _or_one(void_fraction)), fraction
-        heat = self._carried_heat(second, state, (flux, liquid_flux), contents, (time, time_step))
+        heat, dissolved = self._carried(second, state, (flux, liquid_flux), contents, (time, time_step))
         light = lightened(grid, second.heat, heat, fraction, contents[0][1])
         force = self._force(properties, faces, fraction, stress, light)
         gradient = self._mean_gradient(properties, state, time + 0.5 * time_step)
@@ -125,9 +127,8 @@ class TwoFluidSolver(FluidSolver):
         )
         came = time_step * through_sides(grid, liquid_flux)
         supplied = required(state.liquid_supplied, "liquid_supplied").at[1:].add(came)
-        fluid = FluidState(
-            velocity, pressure, void_fraction, gradient, liquid_fraction=fraction, liquid_supplied=supplied, heat=heat
-        )
+        fluid = FluidState(velocity, pressure, void_fraction, gradient, heat=heat, dissolved=dissolved)
+        fluid = fluid._replace(liquid_fraction=fraction, liquid_supplied=supplied)
         # Particles take it times the density of the liquid.
         seen = tuple(s / properties.density for s in stress)
         return FluidStep(fluid, seen, report, remaining, flux=flux if self.keeps_flux else None)
@@ -198,24 +199,27 @@ class TwoFluidSolver(FluidSolver):
         carrier = Carrier(flux, _or_one(state.void_fraction), _or_one(void_fraction), inflow)
         return advance_fraction(self.grid, fraction, carrier, time_step, number)
 
-    def _carried_heat(
+    def _carried(
         self,
         second: SecondFluid,
         state: FluidState,
         fluxes: tuple[FaceField, FaceField],
         contents: tuple[tuple[CellOrOne, CellOrOne], Array],
         times: tuple[Array, Array],
-    ) -> CarriedHeat | None:
-        """The heat at the end of a step of (start, length), by the fluxes of both fluids and of the liquid, with the
-        void fractions at both ends and the new liquid fraction; None without temperatures."""
-        numbers, heat, (time, time_step) = second.heat, state.heat, times
-        if numbers is None or heat is None:
-            return None
+    ) -> tuple[CarriedHeat | None, tuple[CarriedScalar, ...] | None]:
+        """Heat and scalars at the end of a step of (start, length), by the fluxes of both fluids and of the liquid,
+        with the void fractions at both ends and the new liquid fraction; None without."""
         (old_gaps, gaps), fraction = contents
-        old = numbers.content(required(state.liquid_fraction, "liquid_fraction of the fluid"), old_gaps)
-        held = old, numbers.content(fraction, gaps)
-        order = second.number_at(time, time_step)
-        return carried_heat(self.grid, numbers, heat, numbers.carrier(*fluxes), held, time_step, order)
+        old = required(state.liquid_fraction, "liquid_fraction of the fluid")
+        heat, dissolved = None, None
+        if second.heat is not None and state.heat is not None:
+            held = second.heat.content(old, old_gaps), second.heat.content(fraction, gaps)
+            order, carrier = second.number_at(*times), second.heat.carrier(*fluxes)
+            heat = carried_heat(self.grid, second.heat, state.heat, carrier, held, times[1], order)
+        if state.dissolved is not None:
+            ends, order = ((old, old_gaps), (fraction, gaps)), second.number_at(*times)
+            dissolved = carried_dissolved(self.grid, second.dissolved, state.dissolved, fluxes, ends, times[1], order)
+        return heat, dissolved
 
     def _mass(self, properties: FluidProperties, fraction: Array, void_fraction: Array | None) -> FaceField:
         """g rho on the faces: the mean of the two cells [kg/m3]."""

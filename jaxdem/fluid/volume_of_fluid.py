@@ -24,7 +24,7 @@ from jax import Array, lax
 
 from jaxdem.fluid.grid import CellOrOne, FaceField, Grid, along, box_largest, own_layers, sum_of
 from jaxdem.fluid.mesh import Ends, beyond, with_ends
-from jaxdem.fluid.plane_cut import is_cut, offset_of, volume_below
+from jaxdem.fluid.plane_cut import is_cut, offset_of, volume_of_slab
 from jaxdem.fluid.sweeps import ORDERS, in_order
 from jaxdem.numerics.batches import in_any
 from jaxdem.numerics.blocks import any_of
@@ -143,7 +143,7 @@ def planes(grid: Grid, fraction: Array) -> Plane:
     return Plane(normal, offset_of(sizes, jnp.where(cut, fraction, 0.5)), cut)
 
 
-def _planes_of_surface(grid: Grid, fraction: Array) -> Plane:
+def planes_of_surface(grid: Grid, fraction: Array) -> Plane:
     """`planes`, by a branch of their own: nothing to do without a surface.
 
     Without the branch XLA fuses them into what asks for them, and computes them anew for each face that does: the
@@ -257,7 +257,7 @@ class _Sweep(NamedTuple):
             passing: volume of both fluids that passes over that of a cell; of the lower cell where positive [-].
             axis: of the faces.
         """
-        grid, plane = self.grid, _planes_of_surface(self.grid, fraction)
+        grid, plane = self.grid, planes_of_surface(self.grid, fraction)
         least = float(jnp.finfo(fraction.dtype).eps) ** 0.5
         upward = passing > 0.0
 
@@ -273,10 +273,7 @@ class _Sweep(NamedTuple):
         sizes = [jnp.abs(m) for m in normal]
         # The slab next to the face, from the corner that is deepest in the liquid: far from it or at it.
         far = upward == (normal[axis] > 0.0)
-        offset = upstream(plane.offset) - jnp.where(far, sizes[axis] * (1.0 - reach), 0.0)
-        sizes[axis] = sizes[axis] * reach
-        size = sum_of(sizes)
-        part = volume_below(tuple(m / size for m in sizes), offset / size)
+        part = volume_of_slab(sizes, upstream(plane.offset), axis, far, reach)
         share = jnp.where(cut, part, whole)
         if self.inflow is None or grid.periodic[axis]:
             return share

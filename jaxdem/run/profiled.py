@@ -49,7 +49,7 @@ class ProfiledProgram:
         report: Any = SAME
         if keeps_flux:
             report = FluidDiagnostics(*(SAME,) * len(FluidDiagnostics._fields))
-            report = report._replace(flux=SLABS, heat=SLABS, cut=SLABS)
+            report = report._replace(flux=SLABS, heat=SLABS, dissolved=SLABS, cut=SLABS)
         flow: Any = FlowOfInterval(SLABS, SLABS, report)
         self._placed = simulation.on_devices if isinstance(simulation, DividedSimulation) else _as_they_are
         parameters = self._placed(parameters)

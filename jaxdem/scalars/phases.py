@@ -1,4 +1,5 @@
-"""Heat of two fluids with a sharp surface beside what they carry: conduction, and what they are to grains.
+"""Heat and scalars of two fluids with a sharp surface beside what they carry: conduction, diffusion, and what the heat
+is to grains.
 
 A cell of the liquid fraction c holds c of the liquid and 1 - c of the second fluid, of one temperature:
 
@@ -20,9 +21,10 @@ from jaxdem.coupling.interpolation import Weights, interpolate
 from jaxdem.errors import required
 from jaxdem.fluid.boundary import Boundary
 from jaxdem.fluid.carried_heat import CarriedHeat, HeatOfPhases, mixed
+from jaxdem.fluid.dissolved import PART, CarriedScalar, Dissolved, middle_of, open_to_diffusion
 from jaxdem.fluid.fluid_state import FluidProperties
 from jaxdem.fluid.grid import CellOrOne, Grid, face_average
-from jaxdem.fluid.scalar_transport import ScalarField, ScalarTransport, Stream
+from jaxdem.fluid.scalar_transport import ScalarField, ScalarNumbers, ScalarTransport, Stream
 from jaxdem.fluid.second_fluid import mixture_density
 from jaxdem.scalars.in_cells import conducting
 from jaxdem.scalars.scalar_state import FluidHeat, ScalarParameters, SecondHeat
@@ -81,12 +83,31 @@ class Phases(NamedTuple):
         found, through = transport.advance(heat.temperature, duration, jnp.ones((), jnp.int32), reversible)
         return found, heat.through_sides + through
 
+    def diffused(
+        self, field: ScalarField, number: int, scalar: CarriedScalar, duration: Array, reversible: bool
+    ) -> tuple[Array, Array]:
+        """The same of scalar `number` of the fluid, which stays in its phase [unit], [unit m3]; see `dissolved`."""
+        if not field.diffuses:
+            return scalar
+        share, volume = open_to_diffusion(self.grid, field.phase, self.fraction, self.void_fraction)
+        middle, numbers = middle_of(self.grid, scalar.value), self.parameters.fields[number]
+        numbers = numbers._replace(value=numbers.value - middle)
+        transport = ScalarTransport(self.grid, self.boundary, field, numbers, Stream(None, volume, volume, share))
+        found, through = transport.advance(scalar.value - middle, duration, jnp.ones((), jnp.int32), reversible)
+        return middle + found, scalar.through_sides + through
+
     def at_grains(self, weights: Weights) -> tuple[Array, Array]:
         """(N,) conductivity [W/(m K)] and heat capacity [J/(kg K)] of the content of cells that has the liquid fraction
         at a grain."""
         there = jnp.clip(interpolate(weights, (self.fraction,))[:, 0], 0.0, 1.0)
         density = mixture_density(required(self.properties.second, "second"), self.properties.density, there)
         return 1.0 / self.resistivity(there), mixed(capacities(self.parameters, self.properties), there) / density
+
+
+def dissolved_in_phases(field: ScalarField, numbers: ScalarNumbers) -> Dissolved:
+    """What two fluids need to carry a scalar."""
+    inflow = tuple(numbers.value[n] if kind == "value" else None for n, kind in enumerate(field.sides))
+    return Dissolved(PART[field.phase], inflow)
 
 
 def heat_of_phases(

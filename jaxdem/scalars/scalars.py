@@ -7,13 +7,11 @@ from typing import Literal, NamedTuple
 import jax.numpy as jnp
 from jax import Array
 
-from jaxdem.closures.base import DragInputs
-from jaxdem.coupling.interpolation import Weights
 from jaxdem.errors import required
-from jaxdem.fluid.boundary import Boundary
-from jaxdem.fluid.carried_heat import CarriedHeat, HeatOfPhases
-from jaxdem.fluid.fluid_state import FluidProperties, FluidState
-from jaxdem.fluid.grid import CellOrOne, FaceField, Grid, face_average
+from jaxdem.fluid.carried_heat import HeatOfPhases
+from jaxdem.fluid.dissolved import Dissolved
+from jaxdem.fluid.fluid_state import FluidProperties
+from jaxdem.fluid.grid import FaceField, Grid, face_average
 from jaxdem.fluid.scalar_transport import ScalarField, ScalarTransport, Stream
 from jaxdem.numerics.blocks import Blocks
 from jaxdem.numerics.static import static
@@ -21,10 +19,11 @@ from jaxdem.particles.integrate import ParticleProperties, ParticleState
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.scalars.conduction import Conductances, Conduction, conducted
 from jaxdem.scalars.exchange import exchanged
+from jaxdem.scalars.flow import FluidFlow, GrainsInFluid, or_one, phases_of
 from jaxdem.scalars.in_cells import between_surfaces, conducting, fluid_share
 from jaxdem.scalars.moving_cells import Change, held_by_cells
 from jaxdem.scalars.nusselt import NusseltLaw
-from jaxdem.scalars.phases import Phases, heat_of_phases
+from jaxdem.scalars.phases import dissolved_in_phases, heat_of_phases
 from jaxdem.scalars.scalar_state import ScalarParameters, ScalarState
 
 TEMPERATURE = "temperature"
@@ -46,42 +45,6 @@ class Heat:
     conduction: Conduction | None
     expands: bool
     bed: Literal["open", "kuipers"] = "open"
-
-
-class FluidFlow(NamedTuple):
-    """The fluid of an interval.
-
-    Attributes:
-        grid, boundary: static.
-        properties: of the fluid.
-        before, after: its states.
-        flux: mean of the volume flux between the two; None of two fluids, which carry their heat themselves [m/s].
-        steps: () int32, fluid steps.
-        reversible: see `ScalarTransport.advance`; static.
-        heat: that two fluids have carried; None of one fluid.
-    """
-
-    grid: Grid
-    boundary: Boundary
-    properties: FluidProperties
-    before: FluidState
-    after: FluidState
-    flux: FaceField | None
-    steps: Array
-    reversible: bool
-    heat: CarriedHeat | None = None
-
-
-class GrainsInFluid(NamedTuple):
-    """The grains of an interval, as the fluid sees them.
-
-    Attributes:
-        weights: on the cells.
-        inputs: of the drag law.
-    """
-
-    weights: Weights
-    inputs: DragInputs
 
 
 @static
@@ -106,10 +69,10 @@ class Scalars:
         self, parameters: ScalarParameters, state: ScalarState, flow: FluidFlow, duration: Array
     ) -> ScalarState:
         """The fields after an interval of flow and diffusion."""
-        if flow.heat is not None:
-            return self._carried_by_phases(parameters, state, flow, flow.heat, duration)
-        before = _or_one(flow.before.void_fraction)
-        after = _or_one(flow.after.void_fraction)
+        if flow.after.liquid_fraction is not None:
+            return self._carried_by_phases(parameters, state, flow, duration)
+        before = or_one(flow.before.void_fraction)
+        after = or_one(flow.after.void_fraction)
         on_faces, flux = face_average(flow.grid, after), required(flow.flux, "flux of the fluid")
         change = Change(flow.properties.cut, flux, before, after, duration)
         held = held_by_cells(flow.grid, parameters.walls, state, change)
@@ -142,14 +105,25 @@ class Scalars:
         heat, place = required(self.heat, "heat"), required(self.temperature, "temperature of the fluid")
         return heat_of_phases(self.fields[place], heat.expands, parameters, properties)
 
+    def dissolved(self, parameters: ScalarParameters) -> tuple[Dissolved, ...]:
+        """What two fluids need to carry the scalars that are no temperature."""
+        every = enumerate(zip(self.fields, parameters.fields, strict=True))
+        return tuple(dissolved_in_phases(*both) for number, both in every if number != self.temperature)
+
     def _carried_by_phases(
-        self, parameters: ScalarParameters, state: ScalarState, flow: FluidFlow, heat: CarriedHeat, duration: Array
+        self, parameters: ScalarParameters, state: ScalarState, flow: FluidFlow, duration: Array
     ) -> ScalarState:
-        """The temperature of two fluids after they have carried it, and after conduction over the interval."""
-        bed = required(self.heat, "heat").bed
-        found, passed = _phases(parameters, flow).conducted(self.fields[0], bed, heat, duration, flow.reversible)
-        supplied = state.supplied._replace(sides=state.supplied.sides + passed[None])
-        return state._replace(fields=(found,), supplied=supplied)
+        """The fields of two fluids, which have carried them, after conduction and diffusion over the interval."""
+        phases, others, found = phases_of(parameters, flow), iter(flow.dissolved or ()), []
+        for number, field in enumerate(self.fields):
+            if number == self.temperature:
+                bed, warm = required(self.heat, "heat").bed, required(flow.heat, "heat of two fluids")
+                found.append(phases.conducted(field, bed, warm, duration, flow.reversible))
+            else:
+                found.append(phases.diffused(field, number, next(others), duration, flow.reversible))
+        fields, passed = zip(*found, strict=True)
+        supplied = state.supplied._replace(sides=state.supplied.sides + jnp.stack(passed))
+        return state._replace(fields=fields, supplied=supplied)
 
     def exchanged(
         self,
@@ -272,29 +246,18 @@ def _medium(
 ) -> _Medium:
     """See `_Medium`; of two fluids what is at each grain."""
     if flow.heat is not None:
-        phases = _phases(parameters, flow)
+        phases = phases_of(parameters, flow)
         conductivity, capacity = phases.at_grains(grains.weights)
         prandtl = grains.inputs.dynamic_viscosity * capacity / conductivity
         return _Medium(conductivity, prandtl, flow.grid.cell_volume * phases.content)
     density, own = flow.properties.density, required(parameters.fluid, "heat of the fluid")
     conductivity = parameters.fields[place].diffusivity
     prandtl = flow.properties.viscosity * density * own.capacity / conductivity
-    volumes = fluid_share(parameters.walls, flow.properties.cut, _or_one(flow.after.void_fraction))
+    volumes = fluid_share(parameters.walls, flow.properties.cut, or_one(flow.after.void_fraction))
     if capacity is not None:
         volumes = jnp.where(capacity > 0.0, capacity, 1.0)
     return _Medium(conductivity, prandtl, jnp.asarray(density * own.capacity * flow.grid.cell_volume * volumes))
 
 
-def _phases(parameters: ScalarParameters, flow: FluidFlow) -> Phases:
-    """Two fluids at the end of an interval."""
-    after = flow.after
-    fraction = required(after.liquid_fraction, "liquid_fraction of the fluid")
-    return Phases(flow.grid, flow.boundary, flow.properties, parameters, fraction, _or_one(after.void_fraction))
-
-
 def _brought(state: ScalarState, heat: Array) -> ScalarState:
     return state._replace(supplied=state.supplied._replace(grains=state.supplied.grains + heat))
-
-
-def _or_one(void_fraction: Array | None) -> CellOrOne:
-    return 1.0 if void_fraction is None else void_fraction

@@ -79,11 +79,6 @@ def _check_surface(scene: Scene) -> None:
     """Refuses a second fluid that does not fit the rest of the scene."""
     walls = [f"walls.{k}" for k, wall in enumerate(scene.walls) if wall.seen_by_fluid]
     others: dict[str, tuple[bool, object, str]] = {
-        "scalars": (
-            bool(scene.scalars),
-            f"{len(scene.scalars)} tables",
-            "what is dissolved in one fluid has no rule",
-        ),
         f"{walls[0]}.fluid" if walls else "walls": (bool(walls), "...", "walls within the mesh of the fluid do not"),
     }
     if scene.particles is not None:

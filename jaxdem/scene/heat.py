@@ -19,7 +19,7 @@ from jaxdem.scene.walls import Wall
 IN_FLUID, AMONG_PARTICLES = ReadWith("fluid"), ReadWith("particles")
 """What reads keys of heat between both."""
 
-TAKEN = ("temperature", "velocity", "pressure", "void_fraction", "time", "id", "active", "radius")
+TAKEN = ("temperature", "velocity", "pressure", "void_fraction", "liquid_fraction", "time", "id", "active", "radius")
 """Names of arrays of a frame that no scalar may have."""
 
 OF_FLUID = {
@@ -82,11 +82,14 @@ class Scalar(Section):
         name: of its array in frames, and of its value at a side in `boundary.<side>.scalars`.
         diffusivity: of it in the fluid [m2/s].
         value: everywhere at the start.
+        dissolved_in: with `[surface]`, the fluid that it stays in: "liquid", "second", or "both", between which it
+            passes freely.
     """
 
     name: Annotated[str, Field(strict=True, pattern=r"^[a-z][a-z0-9_]{0,39}$")]
     diffusivity: NonNegative = 0.0
     value: Finite = 0.0
+    dissolved_in: Annotated[Literal["liquid", "second", "both"], ReadWith("surface")] = "liquid"
 
 
 def check_heat(

@@ -9,6 +9,7 @@ import numpy as np
 from jax import Array
 
 from jaxdem.errors import InputError, required
+from jaxdem.fluid.dissolved import MOST_BY_VOLUME, Phase
 from jaxdem.fluid.fluid_state import FluidState
 from jaxdem.fluid.interval import FluidInterval
 from jaxdem.fluid.scalar_transport import ScalarField, ScalarNumbers, SideKind
@@ -82,7 +83,9 @@ def scene_scalars(
                 diffusivity = max(diffusivity, largest_diffusivity(scene))
             number = diffusivity * steps.interval * sum(1.0 / h**2 for h in spacing)
             sides = tuple(_kind(scene.boundary[side], name) for side in scene.sides)
-            longest = FOURIER if particles is None else FOURIER_AMONG_GRAINS
+            phase, longest = _phase(scene, name), FOURIER if particles is None else FOURIER_AMONG_GRAINS
+            if phase is not None:
+                longest = FOURIER / MOST_BY_VOLUME
             finer, kinds = 1, NO_SURFACES
             if surfaces is not None:
                 kinds, longest = surfaces.kinds(name), longest * min(1.0, surfaces.smallest)
@@ -90,7 +93,7 @@ def scene_scalars(
             count = max(1, math.ceil(number / longest))
             if count > MOST_STEPS:
                 raise _too_many(scene, name, diffusivity, count)
-            fields.append(ScalarField(name, sides, diffusivity > 0.0, count, kinds, finer))
+            fields.append(ScalarField(name, sides, diffusivity > 0.0, count, kinds, finer, phase or "both"))
     heat = None
     if scene.heat is not None:
         table = scene.heat
@@ -224,6 +227,13 @@ def _diffusivities(scene: Scene) -> list[tuple[str, float]]:
     if scene.heat is None or scene.fluid is None:
         return found
     return [(TEMPERATURE, thermal_diffusivity(scene.heat, scene.fluid.density)), *found]
+
+
+def _phase(scene: Scene, name: str) -> Phase | None:
+    """Of two fluids that a scalar is dissolved in; None of one fluid, and of the temperature."""
+    if scene.surface is None or name == TEMPERATURE:
+        return None
+    return next(scalar.dissolved_in for scalar in scene.scalars if scalar.name == name)
 
 
 def _value(side: BoundarySide, name: str) -> float | None:

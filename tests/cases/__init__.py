@@ -37,6 +37,7 @@ MODULES = (
     "heat",
     "two_fluids",
     "heat_in_two_fluids",
+    "scalars_in_two_fluids",
 )
 
 

@@ -488,7 +488,7 @@ WARM_SURFACE: Tables = {
         **SURFACE["surface"], "heat_capacity": 1000.0, "conductivity": 0.03, "expansion": 3e-3, "temperature": 310.0,
     },
     "boundary": {
-        "left": {"kind": "inlet", "velocity": 0.05, "level": 0.1, "temperature": 320.0},
+        "left": {"kind": "inlet", "velocity": 0.05, "level": 0.1, "temperature": 320.0, "scalars": {"smoke": 1.0}},
         "right": {"kind": "outlet", "level": 0.1},
         "top": {"kind": "free_slip", "heat_flux": 100.0},
     },
@@ -496,8 +496,9 @@ WARM_SURFACE: Tables = {
         "fluid_heat_capacity": 4200.0, "fluid_conductivity": 0.6, "fluid_temperature": 300.0, "expansion": 2e-4,
         "reference_temperature": 300.0,
     },
+    "scalars": [{"name": "smoke", "diffusivity": 1e-5, "value": 0.5, "dissolved_in": "second"}],
 }  # fmt: skip
-"""The same with temperatures."""
+"""The same with temperatures, and smoke in the air."""
 
 BASES = {
     "coupled": COUPLED,

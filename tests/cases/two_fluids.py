@@ -27,6 +27,10 @@ LIQUID = 1000.0
 """Density of the liquid of all cases [kg/m3]."""
 
 
+ROUGH_STEP = 0.01
+"""Of the flux of `solenoidal` [s]."""
+
+
 class TwoFluids:
     """Two fluids in a box."""
 
@@ -127,6 +131,25 @@ class Marched(NamedTuple):
     divergence: jax.Array
     iterations: jax.Array
     converged: jax.Array
+
+
+def solenoidal(grid: Grid, seed: int = 0) -> tuple[jax.Array, ...]:
+    """A flux of both fluids that fills no cell, as large as a Courant number of 1/2 allows for in `ROUGH_STEP`, along
+    periodic axes."""
+    rng = np.random.default_rng(seed)
+    found: list[np.ndarray] = [np.zeros(grid.cells) for _ in grid.cells]
+    for first in range(grid.dimension):
+        second = (first + 1) % grid.dimension
+        potential = rng.normal(size=grid.cells)
+        found[first] += (potential - np.roll(potential, -1, second)) / grid.spacing[second]
+        found[second] -= (potential - np.roll(potential, -1, first)) / grid.spacing[first]
+    faces = tuple(np.concatenate([f, np.take(f, [0], axis)], axis) for axis, f in enumerate(found))
+    comes = sum(
+        np.maximum(np.take(f, range(n), a), 0.0) + np.maximum(-np.take(f, range(1, n + 1), a), 0.0)
+        for a, (f, n) in enumerate(zip(faces, grid.cells, strict=True))
+        for f in (f / grid.spacing[a],)
+    )
+    return tuple(jnp.asarray(f * (0.5 / (ROUGH_STEP * comes.max()))) for f in faces)
 
 
 def largest(faces: Any) -> float:

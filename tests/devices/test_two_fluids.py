@@ -16,11 +16,13 @@ from tests.cases.slabs import apart
 from tests.cases.tiers import COMBINATION
 
 CHANNEL = {
-    "left": {"kind": "inlet", "velocity": 0.1, "level": 0.09, "temperature": 320.0},
+    "left": {
+        "kind": "inlet", "velocity": 0.1, "level": 0.09, "temperature": 320.0, "scalars": {"salt": 1.0, "smoke": 2.0},
+    },
     "right": {"kind": "outlet", "level": 0.08},
     "top": {"kind": "free_slip"},
-}
-"""Warm water flows in below air, and out."""
+}  # fmt: skip
+"""Warm water with salt flows in below air with smoke, and out."""
 
 
 def scene_of(cells, boundary, **changes):
@@ -41,7 +43,7 @@ def scene_of(cells, boundary, **changes):
 
 
 def warm_grains():
-    """Grains that sink in the water and fall into it, and heat."""
+    """Grains that sink in the water and fall into it, heat, and what is dissolved."""
     size = [0.24, 0.16]
     tables = scene_of([24, 16], CHANNEL)
     tables["surface"] |= {"heat_capacity": 500.0, "conductivity": 0.1, "expansion": 3e-3}
@@ -49,6 +51,10 @@ def warm_grains():
         "fluid_heat_capacity": 1000.0, "fluid_conductivity": 0.6, "fluid_temperature": 300.0, "expansion": 3e-4,
         "particle_heat_capacity": 100.0, "particle_temperature": 350.0,
     }  # fmt: skip
+    tables["scalars"] = [
+        {"name": "salt", "diffusivity": 1e-4, "value": 0.5},
+        {"name": "smoke", "diffusivity": 1e-4, "dissolved_in": "second"},
+    ]
     grains = {"radius": 0.002, "density": 2650.0, "position": places(size, count=20, radius=0.002)}
     tables["particles"] = grains | {"velocity": [[0.3, -0.1]] * 20}
     return tables | {"contact": {"young_modulus": 5e5, "friction": 0.3, "speed": 1.0}}

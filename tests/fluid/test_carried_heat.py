@@ -12,30 +12,12 @@ from jaxdem.particles.regions import ball
 from jaxdem.setup.surface import cells_within
 from tests.cases.heat_in_two_fluids import WATER_AND_AIR, WarmFluids, temperature
 from tests.cases.tiers import COMBINATION
-
-STEP = 0.01
+from tests.cases.two_fluids import ROUGH_STEP as STEP
+from tests.cases.two_fluids import solenoidal
 
 
 def numbers(capacity=WATER_AND_AIR, inflow=(None,) * 4):
     return HeatOfPhases(tuple(map(jnp.asarray, capacity)), None, jnp.asarray(300.0), inflow)
-
-
-def solenoidal(grid, seed=0):
-    """A flux of both fluids that fills no cell, as large as a Courant number of 1/2 allows for."""
-    rng = np.random.default_rng(seed)
-    found = [np.zeros(grid.cells) for _ in grid.cells]
-    for first in range(grid.dimension):
-        second = (first + 1) % grid.dimension
-        potential = rng.normal(size=grid.cells)
-        found[first] += (potential - np.roll(potential, -1, second)) / grid.spacing[second]
-        found[second] -= (potential - np.roll(potential, -1, first)) / grid.spacing[first]
-    faces = tuple(np.concatenate([f, np.take(f, [0], axis)], axis) for axis, f in enumerate(found))
-    comes = sum(
-        np.maximum(np.take(f, range(n), a), 0.0) + np.maximum(-np.take(f, range(1, n + 1), a), 0.0)
-        for a, (f, n) in enumerate(zip(faces, grid.cells, strict=True))
-        for f in (f / grid.spacing[a],)
-    )
-    return tuple(jnp.asarray(f * (0.5 / (STEP * comes.max()))) for f in faces)
 
 
 def stepped(grid, given, fraction, warm, flux, gaps=None, order=0, faces=None):

@@ -9,7 +9,7 @@ from jaxdem.run.parts.fluid_forces import FluidForcesOnParticles
 from jaxdem.run.parts.liquid import Liquid
 from jaxdem.run.parts.part import Part
 from jaxdem.run.parts.population import Population
-from jaxdem.run.parts.scalars import Temperatures
+from jaxdem.run.parts.scalars import Contents, Temperatures
 from jaxdem.run.parts.two_fluids import TwoFluids
 from jaxdem.run.parts.unread import UnreadKeys
 from jaxdem.run.parts.walls import Pistons, WallsInFluid
@@ -22,6 +22,7 @@ PARTS: tuple[Part, ...] = (
     ClumpBodies(),
     Liquid(),
     Bonds(),
+    Contents(),
     Temperatures(),
     TwoFluids(),
     RunBefore(),

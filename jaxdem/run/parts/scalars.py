@@ -7,11 +7,15 @@ from typing import Any
 import numpy as np
 
 from jaxdem.errors import required
+from jaxdem.fluid.carried_heat import mixed
+from jaxdem.fluid.dissolved import PART, least_volume
+from jaxdem.fluid.scalar_transport import ScalarField
 from jaxdem.run.instant import Instant, present
 from jaxdem.run.parts.part import Arrays, Part
 from jaxdem.run.totals import Means, Totals
 from jaxdem.scalars.in_cells import fluid_share
 from jaxdem.scalars.phases import capacities
+from jaxdem.scalars.scalars import TEMPERATURE
 from jaxdem.setup.builder import Case
 from jaxdem.state import State
 
@@ -22,28 +26,23 @@ class Temperatures(Part):
     name = "heat"
 
     def arrays(self, case: Case, instant: Instant) -> dict[str, Arrays]:
-        """`temperature` of the grains; of the fluid every scalar by its name."""
+        """`temperature` of the grains; of the fluid every scalar by its name, of two fluids 0 in cells without the one
+        that it is dissolved in."""
         scalars, found = case.simulation.scalars, instant.state.scalars
         if scalars is None or found is None:
             return {}
         grains = {} if found.grains is None else {"temperature": np.asarray(found.grains)}
         fields = zip(scalars.fields, found.fields, strict=True)
-        return {"particles": grains, "fluid": {field.name: np.asarray(value) for field, value in fields}}
+        fluid = {field.name: _seen(instant.state, field, np.asarray(value)) for field, value in fields}
+        return {"particles": grains, "fluid": fluid}
 
     def columns(self, case: Case, instant: Instant, means: Means) -> dict[str, float]:
         """Means over the volume of the fluid, and over the heat capacity of the grains."""
         arrays, state, found = self.arrays(case, instant), instant.state, {}
-        given = None if state.fluid is None else state.fluid.void_fraction
-        share = None if given is None else np.asarray(given)
-        cut = None if case.parameters.fluid is None else case.parameters.fluid.cut
-        if cut is not None:
-            share = np.asarray(cut.open_cells) * (1.0 if share is None else share)
-        if instant.state.scalars is not None and instant.state.scalars.capacity is not None:
-            share = np.asarray(instant.state.scalars.capacity)
         for name, values in arrays.get("fluid", {}).items():
             column = "fluid_temperature_mean" if name == "temperature" else f"scalar_{name}_mean"
-            weights = None if share is None else share.astype(float)
-            found[column] = float(np.average(np.asarray(values, float), weights=weights))
+            weights = np.broadcast_to(_weights(case, state, name), values.shape)
+            found[column] = float(np.average(np.asarray(values, float), weights=weights)) if weights.any() else np.nan
         if grains := arrays.get("particles"):
             capacity, values = np.asarray(_capacities(case), float), np.asarray(grains["temperature"], float)
             there = present(state, len(values))
@@ -56,24 +55,46 @@ class Temperatures(Part):
         return sum(_heat(instant.state, case))
 
     def summary(self, case: Case, instant: Instant, totals: Totals) -> dict[str, Any]:
-        """The balance of heat and of every scalar."""
+        """The balance of heat."""
         scalars, found = case.simulation.scalars, instant.state.scalars
         if scalars is None or found is None:
             return {}
-        sides = np.asarray(found.supplied.sides, float)
-        summary: dict[str, Any] = {}
-        for number, field in enumerate(scalars.fields):
-            if number != scalars.temperature:
-                summary.setdefault("scalars", {})[field.name] = _by_place(case, sides[number])
         if scalars.heat is None:
-            return summary
+            return {}
+        sides = np.asarray(found.supplied.sides, float)
         passed = np.zeros(len(case.scene.sides) + len(case.fluid_walls.walls))
         if scalars.temperature is not None:
             # Of two fluids, whose capacity is not one number, what has passed is heat already.
             passed = sides[scalars.temperature] * (1.0 if case.scene.surface else _volumetric(case))
         kept = totals.at_start.get(self.name)
-        summary["heat"] = heat_balance(case, instant.state, kept if isinstance(kept, float) else 0.0, passed)
-        return summary
+        return {"heat": heat_balance(case, instant.state, kept if isinstance(kept, float) else 0.0, passed)}
+
+
+class Contents(Part):
+    """What the fluid holds of the scalars that are no temperature."""
+
+    name = "scalars"
+
+    def start(self, case: Case, instant: Instant) -> tuple[float, ...] | None:
+        """Of every scalar, the concentration summed over the volume [unit m3]; None without."""
+        return tuple(_contents(instant.state, case).values()) or None
+
+    def summary(self, case: Case, instant: Instant, totals: Totals) -> dict[str, Any]:
+        """The balance of every scalar."""
+        scalars, found = case.simulation.scalars, instant.state.scalars
+        contents, start = _contents(instant.state, case), totals.at_start.get(self.name)
+        if not contents or scalars is None or found is None:
+            return {}
+        sides, balances = np.asarray(found.supplied.sides, float), {}
+        passed = {field.name: sides[number] for number, field in enumerate(scalars.fields)}
+        for number, (name, end) in enumerate(contents.items()):
+            own: dict[str, Any] = {"end": end, **_by_place(case, passed[name])}
+            if isinstance(start, tuple) and len(start) == len(contents):
+                missing = end - start[number] - float(np.sum(passed[name]))
+                turned_over = max(abs(start[number]), float(np.sum(np.abs(passed[name]))), 1e-300)
+                own = {"start": start[number], **own, "missing": missing, "missing_relative": missing / turned_over}
+            balances[name] = own
+        return {"scalars": balances}
 
 
 def heat_balance(case: Case, state: State, start: float, passed: np.ndarray) -> dict[str, Any]:
@@ -122,13 +143,7 @@ def _heat(state: State, case: Case) -> tuple[float, float]:
     if scalars is None or found is None or scalars.heat is None:
         return fluid, grains
     if scalars.temperature is not None and state.fluid is not None:
-        share = 1.0 if state.fluid.void_fraction is None else np.asarray(state.fluid.void_fraction, float)
-        cut = None if case.parameters.fluid is None else case.parameters.fluid.cut
-        if cut is not None:
-            volumes = fluid_share(required(case.parameters.scalars, "scalars").walls, cut, share)  # type: ignore[arg-type]
-            share = np.where(np.asarray(cut.open_cells) > 0.0, np.asarray(volumes, float), 0.0)
-        if found.capacity is not None:
-            share = np.asarray(found.capacity, float)
+        share = _room(case, state)
         volume = required(case.simulation.fluid, "fluid").solver.grid.cell_volume
         values = np.asarray(found.fields[scalars.temperature], float)
         fraction = state.fluid.liquid_fraction
@@ -138,6 +153,59 @@ def _heat(state: State, case: Case) -> tuple[float, float]:
         values = np.asarray(found.grains, float)
         grains = float(np.sum(np.where(present(state, len(values)), _capacities(case) * values, 0.0)))
     return fluid, grains
+
+
+def _room(case: Case, state: State) -> np.ndarray | float:
+    """What of the cells is open to a scalar of the fluid [-]."""
+    fluid, found = required(state.fluid, "state.fluid"), required(state.scalars, "scalars")
+    if found.capacity is not None:
+        return np.asarray(found.capacity, float)
+    share = 1.0 if fluid.void_fraction is None else np.asarray(fluid.void_fraction, float)
+    cut = None if case.parameters.fluid is None else case.parameters.fluid.cut
+    if cut is None:
+        return share
+    volumes = fluid_share(required(case.parameters.scalars, "scalars").walls, cut, share)  # type: ignore[arg-type]
+    return np.where(np.asarray(cut.open_cells) > 0.0, np.asarray(volumes, float), 0.0)
+
+
+def _part(state: State, field: ScalarField) -> np.ndarray | float:
+    """Part of what is open in the cells that holds the fluid which a scalar is dissolved in [-]."""
+    fraction = required(state.fluid, "state.fluid").liquid_fraction
+    return 1.0 if fraction is None else np.asarray(mixed(PART[field.phase], np.asarray(fraction, float)))  # type: ignore[arg-type]
+
+
+def _seen(state: State, field: ScalarField, values: np.ndarray) -> np.ndarray:
+    """A scalar as frames have it."""
+    if state.fluid is None or state.fluid.liquid_fraction is None or field.name == TEMPERATURE:
+        return values
+    return np.where(_part(state, field) > least_volume(values), values, 0.0).astype(values.dtype)  # type: ignore[arg-type]
+
+
+def _weights(case: Case, state: State, name: str) -> np.ndarray | float:
+    """Of the cells in the mean of a scalar: the volume of the fluid that holds it [-]."""
+    scalars, found = required(case.simulation.scalars, "scalars"), required(state.scalars, "scalars")
+    if found.capacity is not None:
+        return np.asarray(found.capacity, float)
+    given = None if state.fluid is None else state.fluid.void_fraction
+    share = 1.0 if given is None else np.asarray(given, float)
+    cut = None if case.parameters.fluid is None else case.parameters.fluid.cut
+    if cut is not None:
+        share = np.asarray(cut.open_cells, float) * share
+    own = next(field for field in scalars.fields if field.name == name)
+    return share if name == TEMPERATURE else share * _part(state, own)
+
+
+def _contents(state: State, case: Case) -> dict[str, float]:
+    """Concentration of every scalar that is no temperature, summed over the volume of its fluid [unit m3]; by name."""
+    scalars, found = case.simulation.scalars, state.scalars
+    if scalars is None or found is None or state.fluid is None:
+        return {}
+    volume, room = required(case.simulation.fluid, "fluid").solver.grid.cell_volume, _room(case, state)
+    return {
+        field.name: volume * float(np.sum(room * _part(state, field) * np.asarray(value, float)))  # type: ignore[operator]
+        for field, value in zip(scalars.fields, found.fields, strict=True)
+        if field.name != TEMPERATURE
+    }
 
 
 def _volumetric(case: Case) -> float:
