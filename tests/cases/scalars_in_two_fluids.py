@@ -127,7 +127,7 @@ def half_filled(cells: tuple[int, ...] = (16, 32, 64)) -> list[Figure]:
         order = math.log2(errors[0] / errors[-1]) / (len(errors) - 1)
         figures += [
             below(
-                f"cosine along a depth of {level}, error over it, {cells[-1]} cells", errors[-1], 8.0 / cells[-1] ** 2
+                f"cosine along a depth of {level}, error over it, {cells[-1]} cells", errors[-1], 2.0 / cells[-1] ** 2
             ),
             at_least(f"order, depth {level}", 1.7, order),
             below(f"content, change over it, depth {level}", kept - 1.0, 1e-13),
@@ -142,7 +142,7 @@ def half_filled(cells: tuple[int, ...] = (16, 32, 64)) -> list[Figure]:
     figures += [
         below(f"erfc from the floor, largest error, {n} cells", np.abs(found[0] - exact)[box.middles(1)[0] < 0.5].max(),
               12.0 / n**2),
-        relative("through the floor", 2.0 * math.sqrt(0.004 / math.pi) * 2.0 / n, float(passed[2]), 0.01, "m3"),
+        relative("through the floor", 2.0 * math.sqrt(0.004 / math.pi) * 2.0 / n, float(passed[2]), 24.0 / n**2, "m3"),
     ]  # fmt: skip
     upright = TwoFluids((n, 8), (1.0, 0.5), FREE)
     along = Diffusing(upright, np.asarray(upright.below(0.28)), "second")
