@@ -61,8 +61,8 @@ def advance_fluid(
 def _told_scalars(
     parameters: Parameters, state: State, fluid: FluidState, report: FluidDiagnostics
 ) -> tuple[FluidState, FluidDiagnostics]:
-    """With what scalars need in the report: those that two fluids have carried, and the mesh between walls that change their place. In slabs it would be cut twice otherwise: XLA does not
-    join what sends messages."""
+    """With what scalars need in the report: those that two fluids have carried, and the mesh between walls that change
+    their place. In slabs it would be cut twice otherwise: XLA does not join what sends messages."""
     if state.scalars is not None and state.scalars.capacity is not None:
         report = report._replace(cut=required(parameters.fluid, "parameters.fluid").cut)
     report = report._replace(heat=fluid.heat, dissolved=fluid.dissolved)

@@ -23,6 +23,7 @@ from jaxdem.fluid.wetted_faces import wetted_faces
 from jaxdem.particles.regions import ball
 from jaxdem.setup.surface import cells_within
 from tests.cases.scalars_in_two_fluids import PHASES, Diffusing
+from tests.cases.tiers import COMBINATION
 from tests.cases.two_fluids import ROUGH_STEP, TwoFluids, solenoidal
 
 STEP, ORDER = jnp.asarray(ROUGH_STEP), jnp.asarray(1)
@@ -42,7 +43,7 @@ def stepped(grid, fraction, values, flux, gaps, inflow=None, order=ORDER):
     return moved, carried_dissolved(grid, numbers, scalars, (flux, moved.liquid_flux), contents, STEP, order)
 
 
-@pytest.mark.parametrize("cells", [(10, 8), (6, 6, 6)])
+@pytest.mark.parametrize("cells", [(10, 8), pytest.param((6, 6, 6), marks=COMBINATION)])
 def test_it_is_kept_within_bounds_among_grains_that_move(cells):
     """In a rough stream at the limit: content to rounding, no new extrema, a uniform one as it was to the last digit;
     also where cells run dry or are wetted."""

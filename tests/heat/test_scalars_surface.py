@@ -1,15 +1,18 @@
-"""Scalars in scenes with two fluids: files, balance, sides, the run that goes on."""
+"""Scalars in scenes with two fluids: files, balance, sides, the run that goes on, slopes."""
 
 import copy
 import csv
 import json
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxdem
 from jaxdem import load_run, load_scene, simulate
 from jaxdem.check.check import check_scene
+from tests.cases.tiers import COMBINATION
 
 CHANNEL = {
     "precision": "float64",
@@ -93,3 +96,33 @@ def test_check_names_the_fluid_and_refuses_what_diffuses_too_fast():
     with pytest.raises(jaxdem.InputError, match="steps of same") as error:
         jaxdem.build(load_scene(tables))
     assert error.value.key == "scalars.2.diffusivity"
+
+
+@COMBINATION
+def test_slopes_go_through_intervals_of_flow_and_diffusion():
+    """Of the salt in the channel after four intervals, by the value of the inlet, the diffusivity and the density of
+    the second fluid, against central differences."""
+    tables = {key: value for key, value in CHANNEL.items() if key not in ("particles", "contact", "coupling")}
+    inlet = CHANNEL["boundary"]["left"] | {"scalars": {"salt": 5.0}}
+    salt = {"scalars": CHANNEL["scalars"][:1], "boundary": CHANNEL["boundary"] | {"left": inlet}}
+    scene = load_scene(tables | salt)
+    simulation, parameters = jaxdem.build(scene)
+    state, neighbors = jaxdem.initial_state(scene, simulation, parameters)
+
+    @jax.jit
+    def squares(given):
+        value, diffusivity, density = given
+        own = parameters.scalars.fields[0]
+        own = own._replace(value=own.value.at[0].set(value), diffusivity=diffusivity)
+        second = parameters.fluid.second._replace(density=density)
+        here = parameters._replace(
+            scalars=parameters.scalars._replace(fields=(own,)), fluid=parameters.fluid._replace(second=second)
+        )
+        found = jaxdem.rollout(simulation, here, state, neighbors, 4).state
+        return jnp.sum((found.fluid.liquid_fraction * found.scalars.fields[0]) ** 2)
+
+    at = jnp.asarray([5.0, 1e-3, 1.2])
+    slopes = jax.jit(jax.grad(squares))(at)
+    expected = [(squares(at + d) - squares(at - d)) / (2.0 * d.sum()) for d in np.diag([1e-4, 1e-7, 1e-2])]
+    np.testing.assert_allclose(slopes, np.asarray(expected), rtol=1e-4)
+    assert np.all(np.abs(np.asarray(expected)) > 0.0)
