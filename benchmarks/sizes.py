@@ -41,7 +41,7 @@ RATIOS = (1.0, 1.67, 10.0, 50.0)
 ONE_TABLE, ONE = (10.0,), ", one table"
 FRACTION = {
     2: {1.0: 0.83, 1.67: 0.82, 10.0: 0.855, 50.0: 0.89},
-    3: {1.0: 0.62, 1.67: 0.62, 10.0: 0.69, 50.0: 0.70},
+    3: {1.0: 0.60, 1.67: 0.60, 10.0: 0.67, 50.0: 0.70},
 }
 """Solid fraction of the column by dimension and ratio, of areas in 2-D, a little below the densest of the pack [-]."""
 
