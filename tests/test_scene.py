@@ -14,9 +14,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from jaxdem import InputError, build, initial_state, load_scene, rollout, simulate
+from jaxdem import InputError, build, external_fluid, initial_state, load_scene, rollout, simulate
+from jaxdem.closures import KochHill, SubgridClosure
 from jaxdem.run.samples import samples_every
 from jaxdem.scene import parse_override
+from jaxdem.setup.extensions import Extensions
 from jaxdem.setup.overlaps import check_initial_positions
 from jaxdem.setup.particles import particle_setup
 from tests.cases.steps import time_steps
@@ -438,6 +440,74 @@ def test_gravity_that_is_set_from_python_is_refused_where_it_is_a_number():
     with pytest.raises(InputError, match="domain.gravity has that component"):
         rollout(simulation, tilted, state, neighbors, 1)
     assert jax.eval_shape(lambda p: rollout(simulation, p, state, neighbors, 1).failures, tilted).shape == ()
+
+
+@pytest.mark.parametrize(
+    ("part", "value", "remedy"),
+    [
+        ("closure", "koch_hill", "drag_law"),
+        ("closure", KochHill, "ive an object"),
+        ("subgrid", "file.h5", "load_subgrid"),
+        ("contact_law", "hertz_mindlin", "contact.law"),
+        ("cohesion", "jkr", "contact.cohesion"),
+        ("nusselt", "gunn", "heat.exchange"),
+        ("walls", lambda x: x[0], "walls="),
+        ("walls", [3], "walls="),
+        ("forces", [lambda start: None], "FluidForce"),
+        ("inlet_profiles", {"left": [3]}, "profile or None"),
+        ("inlet_profiles", ["left"], "profile or None"),
+        ("side_conditions", {"right": 3}, "sets_pressure"),
+        ("devices", 2.5, "jax.devices"),
+        ("devices", True, "jax.devices"),
+        ("devices", [], "jax.devices"),
+        ("devices", [1], "jax.devices"),
+    ],
+)
+def test_arguments_of_another_kind_are_refused_when_a_scene_is_built(part, value, remedy):
+    with pytest.raises(InputError, match=f"(?s)^{part} = .*{re.escape(remedy)}"):
+        build(load_scene(VALID), **{part: value})
+
+
+def test_parts_that_are_none_are_not_given():
+    scene = load_scene(VALID)
+    assert build(scene, **dict.fromkeys(Extensions.__annotations__))[0] == build(scene)[0]
+    with pytest.raises(TypeError, match="closre.*known: closure"):
+        build(scene, closre=None)
+
+
+def test_a_subgrid_closure_from_python_is_no_second_model_of_the_eddies():
+    with pytest.raises(InputError, match="fluid.smagorinsky = 0.1"):
+        build(load_scene(VALID, {"fluid.smagorinsky": 0.1}), subgrid=SubgridClosure.constant(0.0, 1 / 12))
+
+
+def test_what_is_no_scene_is_refused(tmp_path):
+    for call in (
+        build,
+        external_fluid,
+        lambda scene: initial_state(scene, None, None),
+        lambda s: simulate(s, tmp_path),
+    ):
+        for value in ("scene.toml", VALID, None):
+            with pytest.raises(InputError, match=r"(?s)^scene.*jaxdem.load_scene"):
+                call(value)
+    for out, options, name in ((None, {}, "out"), (tmp_path / "run", {"progress": 3}, "progress")):
+        with pytest.raises(InputError, match=name):
+            simulate(load_scene(VALID), out, **options)
+
+
+def test_arguments_of_another_kind_are_refused_by_a_rollout():
+    scene = load_scene(VALID)
+    simulation, parameters = build(scene)
+    state, neighbors = initial_state(scene, simulation, parameters)
+    good = (simulation, parameters, state, neighbors, 1)
+    for number, value, name in (
+        (0, parameters, "simulation"), (1, state, "parameters"), (2, neighbors, "state"), (3, None, "neighbors"),
+        (4, -1, "steps"), (4, 1.5, "steps"), (4, "3", "steps"), (4, None, "steps"),
+    ):  # fmt: skip
+        with pytest.raises(InputError, match=f"^{name}"):
+            rollout(*good[:number], value, *good[number + 1 :])
+    with pytest.raises(InputError, match="observe"):
+        rollout(*good, observe=3)
 
 
 @pytest.mark.parametrize(

@@ -33,15 +33,24 @@ def device_mesh(devices: int | Sequence[jax.Device]) -> Mesh:
         devices: the first so many that there are, in all processes, or which.
 
     Raises:
-        InputError: there are not so many.
+        InputError: there are not so many, or it is neither a number nor a list of devices.
     """
+    is_number = isinstance(devices, int) and not isinstance(devices, bool)
+    if not is_number and not (isinstance(devices, Sequence) and devices and all(map(_is_device, devices))):
+        limit = "is neither a number of devices nor a list of them"
+        raise InputError("devices", devices, limit, "give a whole number, or some of jax.devices()")
     there = jax.devices()
     if isinstance(devices, int):
         if not 1 <= devices <= len(there):
-            remedy = "ask for fewer; on a CPU set XLA_FLAGS=--xla_force_host_platform_device_count=N before JAX starts"
+            more = "on a CPU set XLA_FLAGS=--xla_force_host_platform_device_count=N before JAX starts"
+            remedy = f"ask for 1 to {len(there)}; {more}"
             raise InputError("devices", devices, f"JAX sees {len(there)} devices", remedy)
         devices = there[:devices]
     return Mesh(np.array(devices), (MESH_AXIS,))
+
+
+def _is_device(value: object) -> bool:
+    return isinstance(value, jax.Device)
 
 
 def on_slabs(mesh: Mesh, function: Callable[..., Any], given: Any, result: Any) -> Callable[..., Any]:

@@ -11,12 +11,14 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
 
+from jaxdem.errors import InputError
 from jaxdem.failures import failures
 from jaxdem.numerics.shapes import with_shapes, zeros_of
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.scene.drive import check_gravity
 from jaxdem.simulation import Simulation
 from jaxdem.state import Diagnostics, Parameters, State
+from jaxdem.structure import Structure
 
 KEPT_STEPS = 128
 """Up to this length reverse mode keeps the state of every step. The contact steps within a single interval
@@ -68,9 +70,11 @@ def rollout(
             rounding, in about half the time.
 
     Raises:
-        InputError: gravity has a component along a periodic axis of a fluid that the scene does not drive. That is
-            seen where gravity is a number; traced (as an argument under jit, grad or vmap) it has no value.
+        InputError: an argument is of another kind, or `steps` is negative or no whole number. Or gravity has a
+            component along a periodic axis of a fluid that the scene does not drive. That is seen where gravity is a
+            number; traced (as an argument under jit, grad or vmap) it has no value.
     """
+    _require(simulation, parameters, state, neighbors, steps, observe)
     if simulation.fluid is not None and not isinstance(parameters.gravity, jax.core.Tracer):
         drive = simulation.fluid.solver.drive
         driven = (False,) * len(simulation.periodic) if drive is None else drive.driven
@@ -80,6 +84,23 @@ def rollout(
         simulation = simulation.reversible()
     measure = None if observe is None else (lambda state, _: observe(state))
     return measured_rollout(simulation, parameters, state, neighbors, steps, measure)
+
+
+def _require(
+    simulation: object, parameters: object, state: object, neighbors: object, steps: object, observe: object
+) -> None:
+    """Refuses arguments that are of another kind, such as two in the wrong order."""
+    kinds = (("simulation", simulation, Structure), ("parameters", parameters, Parameters), ("state", state, State))
+    for name, value, kind in kinds:
+        if not isinstance(value, kind):
+            remedy = "the order is simulation, parameters, state, neighbors, steps"
+            raise InputError(name, type(value).__name__, f"is no {kind.__name__}", remedy)
+    if neighbors is None and isinstance(simulation, Structure) and simulation.contact is not None:
+        raise InputError("neighbors", "None", "the scene has particles", "give the list of jaxdem.initial_state")
+    if not isinstance(steps, (int, np.integer)) or steps < 0:
+        raise InputError("steps", steps, "is no whole number from 0 up", "give the number of coupling intervals")
+    if observe is not None and not callable(observe):
+        raise InputError("observe", observe, "is no function of the state", "give one, or None")
 
 
 def measured_rollout(

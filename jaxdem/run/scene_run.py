@@ -9,6 +9,7 @@ from typing import Unpack
 import jax
 
 from jaxdem.closures.base import DragClosure
+from jaxdem.errors import InputError
 from jaxdem.io import Run, load_run, run_folder
 from jaxdem.io.chain import stage_names
 from jaxdem.io.run_folder import SCENE
@@ -20,6 +21,7 @@ from jaxdem.scene import Scene
 from jaxdem.scene.stages import StagedScene
 from jaxdem.setup.builder import build_case
 from jaxdem.setup.extensions import Extensions
+from jaxdem.setup.given import require_scene
 
 
 def simulate(
@@ -59,6 +61,12 @@ def simulate(
         RunError: the run could not go on; what was done is kept, with `valid: false` in the summary.
         Interrupted: SIGINT or SIGTERM; a checkpoint was written.
     """
+    require_scene(scene)
+    if not isinstance(out, (str, Path)):
+        raise InputError("out", out, "is no path", "give the folder of the run")
+    for name, function in (("progress", progress), ("settling", settling)):
+        if function is not None and not callable(function):
+            raise InputError(name, function, "is no function", "give one that is called now and then, or None")
     options = RunOptions(closure, resume, progress, profile, settling, devices)
     if isinstance(scene, StagedScene):
         return simulate_stages(scene, Path(out), options, **extensions)

@@ -26,9 +26,10 @@ from jaxdem.setup.boundaries import scene_boundary
 from jaxdem.setup.closures import drag_closure
 from jaxdem.setup.contact import contact_interval
 from jaxdem.setup.coupling import check_own_forces, fluid_coupling
-from jaxdem.setup.extensions import Extensions, has_models, refuse_unknown
+from jaxdem.setup.extensions import Extensions, has_models
 from jaxdem.setup.fluid import fluid_interval, fluid_setup
 from jaxdem.setup.fluid_walls import FluidWalls, fluid_walls
+from jaxdem.setup.given import parts_given, require_scene
 from jaxdem.setup.magnitudes import check_magnitudes, check_memory
 from jaxdem.setup.merge import merged
 from jaxdem.setup.parameters import scene_parameters
@@ -155,7 +156,7 @@ def build(
             `inlet_profiles`, `subgrid`, `side_conditions`, `nusselt`; see `jaxdem.setup.extensions.Extensions`.
 
     Raises:
-        InputError: a step or size that the scene asks for cannot work.
+        InputError: a step or size that the scene asks for cannot work, or a part is of another kind.
         TypeError: an extension of another name.
     """
     case = build_case(scene, closure, **extensions)
@@ -178,6 +179,7 @@ def initial_state(scene: Scene, simulation: Simulation, parameters: Parameters) 
         InputError: particles overlap each other or a wall, lie outside the box, do not fit into their pack, or do not
             come to rest.
     """
+    require_scene(scene)
     start = read_start(scene)
     if isinstance(simulation, DividedSimulation):
         whole = initial_state(scene, simulation.undivided(), simulation.of_whole(parameters))
@@ -197,7 +199,8 @@ def build_case(
         scene, closure, extensions: see `build`.
         start: state that it begins from, of a scene with `[start]`; read from the run that it names if not given.
     """
-    refuse_unknown(extensions)
+    require_scene(scene)
+    extensions = parts_given(closure, extensions)
     start = read_start(scene) if start is None else start
     dtype = _dtype(scene)
     check_memory(scene)

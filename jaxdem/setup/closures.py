@@ -32,8 +32,12 @@ def subgrid_closure(fluid: Fluid, own: SubgridLaw | None) -> SubgridLaw | None:
     """The learned subgrid stress: `own` of the user, else of `fluid.subgrid`; None without.
 
     Raises:
-        InputError: the file cannot be read.
+        InputError: the file cannot be read, or one is given beside another model of the same eddies.
     """
+    for key, there in (("smagorinsky", fluid.smagorinsky > 0.0), ("bed_mixing", fluid.bed_mixing is not None)):
+        if own is not None and there:
+            limit = "models the same unresolved eddies as the subgrid closure that is given in Python"
+            raise InputError(f"fluid.{key}", getattr(fluid, key), limit, f"remove fluid.{key} or subgrid=")
     if own is not None or fluid.subgrid is None:
         return own
     return load_subgrid(fluid.subgrid)[0]

@@ -20,7 +20,7 @@ from jaxdem.scalars.nusselt import NusseltLaw
 
 
 class Extensions(TypedDict, total=False):
-    """Keyword arguments of `jaxdem.build` and `jaxdem.simulate`.
+    """Keyword arguments of `jaxdem.build` and `jaxdem.simulate`; None stands for one that is not given.
 
     Attributes:
         walls: signed distances x (D,) [m] -> () [m], positive where particles may be, of walls beside those of
@@ -43,25 +43,14 @@ class Extensions(TypedDict, total=False):
             `jaxdem.scalars.nusselt.NusseltLaw`.
     """
 
-    walls: Sequence[Callable[[Array], Array]]
+    walls: Sequence[Callable[[Array], Array]] | None
     contact_law: ContactLaw | None
     cohesion: Cohesion | None
-    forces: Sequence[FluidForce]
+    forces: Sequence[FluidForce] | None
     inlet_profiles: Mapping[str, Sequence[InletProfile | None]] | None
     subgrid: SubgridLaw | None
     side_conditions: Mapping[str, SideCondition] | None
     nusselt: NusseltLaw | None
-
-
-def refuse_unknown(extensions: Extensions) -> None:
-    """Python checks no keyword that is caught by `**`.
-
-    Raises:
-        TypeError: a keyword is none of `Extensions`.
-    """
-    for name in extensions.keys() - Extensions.__annotations__.keys():
-        known = ", ".join(("closure", *Extensions.__annotations__))
-        raise TypeError(f"build() got an unexpected keyword argument {name!r}; known: {known}")
 
 
 def has_models(extensions: Extensions) -> bool:
