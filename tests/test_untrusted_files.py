@@ -179,6 +179,16 @@ def test_a_run_whose_scene_has_other_types_is_refused(copied, text):
         load_run(copied)
 
 
+def test_a_complete_run_with_fewer_lines_than_frames_is_refused(copied):
+    history = copied / "history.csv"
+    history.write_text(history.read_text()[:-20])
+    with pytest.raises(InputError, match=r"(?s)unequal numbers of outputs.*history\.csv"):
+        load_run(copied)
+    (copied / "summary.json").unlink()  # as of a run that was killed: what both have is read
+    run = load_run(copied)
+    assert len(run.times) == run.number_of_frames > 0
+
+
 def test_dotted_keys_are_tables_within_tables():
     with pytest.raises(ValueError, match="nested"):
         parse_toml("a" + ".a" * 2000 + " = 1")

@@ -54,6 +54,11 @@ class Run:
         history = read_history(self.path / HISTORY)
         counts = [len(history["time"]), *(series.count() for series in self._series.values() if series.exists())]
         self.number_of_frames = min(counts)
+        if self.summary.get("complete") and max(counts) > self.number_of_frames:
+            numbers = f"{self.number_of_frames} to {max(counts)}"
+            limit = f"is complete, yet its files have unequal numbers of outputs, {numbers}"
+            remedy = f"{HISTORY} or a file of frames was cut off: take it from a backup, or run the scene again"
+            raise InputError("run", str(self.path), limit, remedy)
         self.history = {name: column[: self.number_of_frames] for name, column in history.items()}
 
     @property

@@ -205,7 +205,7 @@ def build_case(
     dtype = _dtype(scene)
     check_memory(scene)
     fluids = (scene.fluid is not None) + (scene.surface is not None)
-    check_own_forces(extensions.get("forces", ()), fluids, scene.particles is not None)
+    check_own_forces(extensions.get("forces") or (), fluids, scene.particles is not None)
     boundary = scene_boundary(scene, extensions.get("inlet_profiles"), extensions.get("side_conditions"))
     particles, fluid = _particles(scene, start), fluid_setup(scene, kept_liquid(scene, start))
     check_magnitudes(scene, NO_BODIES if particles is None else particles.bodies)
@@ -224,7 +224,7 @@ def build_case(
     if interval is not None and particles is not None and scene.coupling is not None:
         closure = drag_closure(scene, scene.coupling, closure)
         surroundings = surroundings_of(scene, particles, closure)
-        own = extensions.get("forces", ())
+        own = extensions.get("forces") or ()
         coupling = fluid_coupling(scene.coupling, interval, particles.bodies.largest_diameter, surroundings, own)
         seen = seen.with_particles(interval.solver.grid, coupling.deposition, particles.bodies.largest_diameter)
     scalar_surfaces = None if interval is None else surfaces_of_scalars(scene, interval.solver.grid, seen)

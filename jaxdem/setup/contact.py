@@ -78,7 +78,7 @@ def contact_interval(
         InputError: the box is too small for the neighbour list, or two walls are one.
     """
     scene, search, sides = particles.scene, _search(particles), _box_walls(particles, population)
-    functions = extensions.get("walls", ())
+    functions = extensions.get("walls") or ()
     surfaces = scene_surfaces(scene, functions, dtype)
     times = wall_times(particles, functions, steps.interval)
     check_coincident(scene, sides, surfaces, times, 2.0 * particles.spheres.smallest_radius)
