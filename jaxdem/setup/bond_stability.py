@@ -19,7 +19,7 @@ def bond_growth(particles: ParticleSetup) -> Callable[[float], float] | None:
     Each grain's mass and moment of inertia are shared out among its bonds by their stiffness. A structure vibrates at
     most as fast as the fastest of its bonds with these shares (Irons), and a bond between two bodies has closed forms:
     stretching, twisting, and the two roots of shear with bending. A dashpot counts 4 dt c beside dt^2 k at most, see
-    `stability.contact_stability_limit`.
+    `contact_limit.contact_stability_limit`.
 
     Source: B. M. Irons, Int. J. Numer. Methods Eng. 2 (1970) 5-12.
     """

@@ -10,7 +10,8 @@ from jaxdem.scene import Contact
 from jaxdem.setup import stability
 from jaxdem.setup.bond_stability import bond_growth
 from jaxdem.setup.cohesion import Pair, bridge_volume, largest_bridge_damping, strongest
-from jaxdem.setup.contact_bodies import ContactBody, ContactConstants, crowding, worst_constants
+from jaxdem.setup.contact_bodies import ContactBody, ContactConstants, crowding, effective, pair_constants
+from jaxdem.setup.contact_limit import ROOM, Neighbours, contact_stability_limit
 from jaxdem.setup.lubrication import largest_resistance, largest_shear
 from jaxdem.setup.particles import ParticleSetup
 
@@ -20,66 +21,105 @@ def contact_stability(
 ) -> float:
     """Stability limit of the contact step [s].
 
-    Every contact that a particle has room for is taken to be as deep as an impact of the heaviest particle at
-    `speed`, on the lightest, makes it, up to `contact.maximum_overlap`; with several materials, of the stiffest and
-    most damped pair there is.
+    The least over the kinds of particles, each with all the contacts that it has room for, with its own kind, the
+    others and walls, as many of each as there are particles of it. A contact has the materials, masses and radii of
+    the two that make it. All are taken to be as deep as an impact of the heaviest particle at `speed` makes them, up to
+    `contact.maximum_overlap`: it may press them all.
 
     Args:
         particles: of the scene.
-        bodies: extremes of them.
+        bodies: kinds of particles, and walls.
         speed: largest to expect [m/s].
         overlap: of all contacts in place of the expected one [m].
     """
     scene, contact = particles.scene, particles.contact
     grains = [body for body in bodies if not body.is_wall]
-    small, large = min(body.radius for body in grains), max(body.radius for body in grains)
-    light, heavy = min(body.mass for body in grains), max(body.mass for body in grains)
-    # Light particles touch each other and heavy ones. These move less: their factor 1 + q is such that the bound
-    # over a heavy particle's contacts, of which it has more, is the same.
-    more = (0.5 * (1.0 + large / small)) ** (scene.dimension - 1)
-    kinds = [(2.0, 0.5 * light, 0.5 * small)]
-    if heavy > light:
-        reduced = light * heavy / (light + heavy)
-        kinds.append((1.0 + more * light / heavy, reduced, small * large / (small + large)))
+    if particles.shapes is not None:
+        grains = _pooled(grains)
+    large, heavy = max(body.radius for body in grains), max(body.mass for body in grains)
 
-    def depth(mass: float, radius: float, modulus: float, wall: bool) -> float:
+    def depth(one: ContactBody, other: ContactBody | None, modulus: float) -> float:
+        """Of a contact between two of these bodies, or of one with a wall."""
+        radius = one.radius if other is None else effective(one.radius, other.radius)
+        small = one.radius if other is None else min(one.radius, other.radius)
+        mass = heavy if other is None else 0.5 * heavy
         deepest = stability.hertz_overlap(mass, radius, modulus, speed)
         if contact.cohesion is not None and contact.law == "hertz_mindlin":
             volume = bridge_volume(particles, large)
-            pair = Pair(contact.cohesion, strongest(particles, wall), radius, modulus, volume=volume)
+            pair = Pair(contact.cohesion, strongest(particles, other is None), radius, modulus, volume=volume)
             deepest = pair.depth(0.5 * mass * speed**2)[1]
             if overlap is not None:
                 return pair.law_depth(overlap)
         return overlap or min(deepest, contact.maximum_overlap * 2.0 * small)
 
-    def with_film(contact: stability.LinearContact, radius: float) -> stability.LinearContact:
-        """Bodies that press each other have no film between them, but their neighbours may; and all have bridges."""
+    def touching(one: ContactBody, other: ContactBody | None) -> stability.LinearContact:
+        """Their contact, on `one`.
+
+        Bodies that press each other have no film between them, but their neighbours may; and all have bridges.
+        """
+        constants = pair_constants(particles, one.material, None if other is None else other.material)
+        mass = one.mass if other is None else effective(one.mass, other.mass)
+        radius = one.radius if other is None else effective(one.radius, other.radius)
+        small = one.radius if other is None else min(one.radius, other.radius)
+        deep = depth(one, other, constants.modulus)
+        found = _linearised(contact, constants, mass, radius, deep, radius / one.radius)
         liquid = largest_resistance(particles, radius) + largest_bridge_damping(particles, radius)
-        return contact._replace(
-            normal_damping=contact.normal_damping + liquid,
-            tangential_damping=contact.tangential_damping + largest_shear(particles, radius, small),
+        return found._replace(
+            normal_damping=found.normal_damping + liquid,
+            tangential_damping=found.tangential_damping + largest_shear(particles, radius, small),
         )
 
-    of_pair, of_wall = (worst_constants(particles, wall) for wall in (False, True))
-    pair_depth = depth(0.5 * heavy, 0.5 * small, of_pair.modulus, wall=False)
-    wall_depth = depth(heavy, small, of_wall.modulus, wall=True)
-    pairs = [
-        (factor, with_film(_linearised(contact, of_pair, mass, radius, pair_depth, radius / small), radius))
-        for factor, mass, radius in kinds
-    ]
     thin = sum(
         not wraps and length <= 2.0 * large for wraps, length in zip(scene.periodic, scene.domain.size, strict=True)
     )
-    return stability.contact_stability_limit(
-        light / crowding(particles),  # of a clump with so many times the contacts of a sphere
-        scene.dimension,
-        pairs,
-        with_film(_linearised(contact, of_wall, light, small, wall_depth, 1.0), small),
-        particles.total - 1,
-        min(scene.dimension, scene.periodic.count(False) + len(scene.walls)),
-        thin,
-        bond_growth(particles),
-    )
+    walls = min(scene.dimension, scene.periodic.count(False) + len(scene.walls))
+    bonds = bond_growth(particles)
+    limits = []
+    for body in grains:
+        found = []
+        for other in grains:
+            if body.others(other) > 0:
+                q, crowd, count = _room(body, other, scene.dimension)
+                found.append(Neighbours(touching(body, other), crowd * (1.0 + q), count, other.group))
+        mass = body.mass / crowding(particles)  # of a clump with so many times the contacts of a sphere
+        wall = touching(body, None)
+        limits.append(contact_stability_limit(mass, scene.dimension, found, wall, walls, thin, bonds))
+    return min(limits)
+
+
+def _pooled(grains: Sequence[ContactBody]) -> list[ContactBody]:
+    """The smallest and lightest and the largest and heaviest member of clumps of every material."""
+    found = []
+    for material in sorted({body.material for body in grains}):
+        own = [body for body in grains if body.material == material]
+        number = sum({body.group: body.number for body in own}.values())
+        for most in (min, max):
+            radius, mass = most(body.radius for body in own), most(body.mass for body in own)
+            found.append(own[0]._replace(radius=radius, mass=mass, number=number))
+    return found
+
+
+def _room(one: ContactBody, other: ContactBody, dimension: int) -> tuple[float, float, int]:
+    """Contacts of a particle with particles of another kind, as `Neighbours` counts them.
+
+    A particle of radius R has room for 12 (in a plane 6) as large as itself or larger, and for
+    ((1 + R/r) / 2)^(D-1) times as many of radius r < R; there may be fewer of them. A contact moves both, which
+    |a - b|^2 <= (1 + q) |a|^2 + (1 + 1/q) |b|^2 shares out between them; any q does, and with q = (Z'/m') / (Z/m) the
+    Z contacts of the one and the Z' of the other bound both alike.
+
+    Returns:
+        q; by how much more than one of its size a contact counts, for there are so many times as many; and the number
+        of contacts counted in this way, at most.
+    """
+    room = float(ROOM[dimension][0])
+
+    def crowd(of: ContactBody, by: ContactBody) -> float:
+        return max(1.0, 0.5 * (1.0 + of.radius / by.radius)) ** (dimension - 1)
+
+    own = min(room * crowd(one, other), one.others(other))
+    back = min(room * crowd(other, one), other.others(one))
+    more = crowd(one, other)
+    return back * one.mass / (own * other.mass), more, math.ceil(one.others(other) / more)
 
 
 def _linearised(

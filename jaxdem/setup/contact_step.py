@@ -102,9 +102,14 @@ def expected_speed(particles: ParticleSetup, boundary_speed: float) -> float:
 
 
 def _meetings(bodies: Sequence[ContactBody]) -> list[tuple[ContactBody, ContactBody]]:
-    """Pairs that may touch; two walls do not."""
+    """Pairs that may touch; two walls do not, nor does the only particle of a kind itself.
+
+    Without a wall among the bodies it does: a pair stands for a particle at a wall then.
+    """
+    with_walls = any(body.is_wall for body in bodies)
     pairs = itertools.combinations_with_replacement(bodies, 2)
-    return [pair for pair in pairs if not (pair[0].is_wall and pair[1].is_wall)]
+    meet = [pair for pair in pairs if not (pair[0].is_wall and pair[1].is_wall)]
+    return [(a, b) for a, b in meet if b.is_wall or not with_walls or a.others(b) > 0]
 
 
 def _shortest_contact(particles: ParticleSetup, bodies: Sequence[ContactBody], speed: float) -> float:

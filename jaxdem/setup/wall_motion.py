@@ -192,7 +192,8 @@ def check_pistons(particles: ParticleSetup, contact_step: float, stable: float) 
 
     N grains of stiffness k that touch a piston of mass M swing at sqrt(N k/M). A contact step is stable for a grain of
     mass m with two neighbours up to 2/sqrt(2 k/m), which bounds k; N is the section of the box over the square round a
-    grain, and at most the number of grains. The swing is kept a factor 2 below the limit, for dashpots.
+    grain, and at most the number of grains. The swing is kept a factor 2 below the limit, for dashpots. Of several
+    materials that of the largest N m counts, by the smallest grain of each: k may be of any of them.
 
     Args:
         particles: of the scene.
@@ -205,14 +206,18 @@ def check_pistons(particles: ParticleSetup, contact_step: float, stable: float) 
     scene, bodies = particles.scene, particles.bodies
     if not any(wall.piston for wall in scene.walls):
         return
-    radius = bodies.smallest_radius
-    mass = 4.0 / 3.0 * math.pi * radius**3 * float(np.min(bodies.density))
+    columns = np.broadcast_arrays(bodies.radius, bodies.density, bodies.material)
+    rows = [columns[2] == material for material in np.unique(bodies.material)]
+    smallest = [tuple(float(np.min(x[row])) for x in columns[:2]) for row in rows]
     for k, wall in enumerate(scene.walls):
         if wall.piston is None:
             continue
         direction, size = np.abs(unit(wall.piston.direction)), np.asarray(scene.domain.size)
         sections = np.prod(size) / size
-        count = min(max(1.0, float(direction @ sections) / (2.0 * radius) ** (len(size) - 1)), particles.total)
+        section, most = float(direction @ sections), particles.total
+        counts = [min(max(1.0, section / (2.0 * radius) ** (len(size) - 1)), most) for radius, _ in smallest]
+        masses = [4.0 / 3.0 * math.pi * radius**3 * density for radius, density in smallest]
+        count, mass = max(zip(counts, masses, strict=True), key=math.prod)
         least = 2.0 * count * mass * (contact_step / stable) ** 2
         if wall.piston.mass < least:
             raise InputError(

@@ -214,10 +214,26 @@ def rods() -> dict[str, dict[str, Any]]:
     }  # fmt: skip
 
 
+HARD = {"materials": [{"name": "soft"}, {"name": "hard", "young_modulus": 2.1e10}]}
+"""Grains of the modulus of the others, and some 300 times as stiff."""
+
+
+def hard_ones() -> dict[str, dict[str, Any]]:
+    """One hard grain among soft ones, as large as they are and five times as large; and as many hard ones as soft."""
+    pack, ball = arrangements()["hexagonal pack"], _cluster_at_a_large_one(0.2)
+    names = ["soft", "hard"]
+    return {
+        "pack with one hard grain": pack | {"material": [names[k == 5] for k in range(16)]} | HARD,
+        "pack of soft and hard grains": pack | {"material": [names[k % 2] for k in range(16)]} | HARD,
+        "hard ball, size ratio 5": ball | {"boundary": arrangements()["size ratio 10"]["boundary"]}
+        | {"material": ["soft"] * 37 + ["hard"]} | HARD,
+    }  # fmt: skip
+
+
 def pressed_scene(arrangement: dict[str, Any], restitution: float, friction: float, **contact: Any) -> Any:
     """A scene of an arrangement whose expected impact overlaps by `DEPTH` (of the smallest particle's diameter)."""
     given = dict(arrangement)
-    size, boundary = given.pop("size"), given.pop("boundary", {})
+    size, boundary, materials = given.pop("size"), given.pop("boundary", {}), given.pop("materials", [])
     smallest = RADIUS if "shape" in given else float(np.min(given.get("radius", RADIUS)))
     contact = {"young_modulus": 7e7, "poisson_ratio": 0.3, "maximum_overlap": 0.5, "skin": 0.05} | contact
     modulus = 0.5 * contact["young_modulus"] / (1.0 - contact["poisson_ratio"] ** 2)
@@ -233,6 +249,7 @@ def pressed_scene(arrangement: dict[str, Any], restitution: float, friction: flo
             "particles": {"radius": RADIUS, "density": DENSITY} | given,
             "contact": {"restitution": restitution, "friction": friction, "speed": speed} | contact,
             "boundary": boundary,
+            "materials": materials,
             "time": {"end": 1.0, "output_interval": 1.0},
         }
     )
@@ -272,7 +289,7 @@ _simulations: dict[str, Simulation] = {}
 
 def contact_limit(name: str, material: str, **contact: Any) -> Limit:
     """The row of an arrangement and a material."""
-    scene = pressed_scene((arrangements() | rods())[name], *MATERIALS[material], **contact)
+    scene = pressed_scene((arrangements() | rods() | hard_ones())[name], *MATERIALS[material], **contact)
     simulation, parameters = jaxdem.build(scene)
     state, neighbors = jaxdem.initial_state(scene, simulation, parameters)
     key = f"{name} {contact.get('law')} {contact.get('cohesion', {}).get('kind')}"
@@ -606,7 +623,7 @@ def limits() -> dict[str, Callable[[], Limit]]:
     for name in arrangements():
         for material in MATERIALS:
             contact(name, material)
-    for name in rods():
+    for name in [*rods(), *hard_ones()]:
         for material in ("e = 1, mu = 0", "e = 1, mu = 10", "e = 0, mu = 10"):
             contact(name, material)
     for modulus in (1e5, 7e10):

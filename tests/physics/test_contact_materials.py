@@ -20,6 +20,7 @@ from jaxdem.particles.surfaces import Plane
 from jaxdem.setup.materials import material_table
 from jaxdem.setup.particles import particle_setup
 from jaxdem.setup.stability import hertz_duration
+from jaxdem.setup.wall_motion import check_pistons
 from tests.cases.steps import time_steps
 from tests.cases.worlds import advance, batch, forces, track, world
 
@@ -264,7 +265,7 @@ def test_the_contact_step_stands_on_the_worst_pair():
     def limits(material="soft", radius=0.01, **contact):
         return time_steps(scene_of(material, radius, contact=contact)).limits
 
-    soft, mixed = limits(wall_material="soft"), limits(["soft", "hard"])
+    soft, mixed = (limits(names, wall_material="soft") for names in ("soft", ["soft", "hard"]))
     assert mixed["rayleigh"] == pytest.approx(2.791e-5, rel=1e-3)  # pi r sqrt(rho/G)/(0.1631 nu + 0.8766)
     for name in ("rayleigh", "contact_duration", "contact_stability"):
         assert mixed[name] < soft[name]
@@ -279,6 +280,31 @@ def test_the_contact_step_stands_on_the_worst_pair():
     )
     assert unlike["contact_stability"] < alike["contact_stability"]
     assert small < soft["contact_stability"]
+
+
+def test_a_hard_grain_that_is_alone_does_not_meet_another():
+    """Its contacts are with soft ones and with walls; a second one brings those of two hard grains."""
+    places = [[0.2, 0.2, 0.2], [0.5, 0.5, 0.5], [0.8, 0.8, 0.8]]
+
+    def limits(*materials):
+        scene = scene_of(list(materials), particles={"position": places}, contact={"wall_material": "soft"})
+        return time_steps(scene).limits
+
+    one, two, all_soft = limits("soft", "soft", "hard"), limits("soft", "hard", "hard"), limits("soft", "soft", "soft")
+    for name in ("contact_duration", "contact_stability"):
+        assert two[name] < one[name] < all_soft[name]
+    assert two["contact_duration"] / one["contact_duration"] < 0.6  # (E* of soft and hard / E* of two hard ones)^(2/5)
+
+
+def test_a_piston_on_grains_of_several_materials_is_as_heavy_as_the_heaviest_ask():
+    """2 N m of the material whose smallest grains have the largest m, at the step that is stable just so."""
+    piston = {"kind": "plane", "point": [0.5, 0.5, 0.9], "normal": [0.0, 0.0, -1.0]}
+    piston |= {"piston": {"direction": [0.0, 0.0, -1.0], "force": 1.0, "mass": 1e-6}}
+    scene = scene_of(["soft", "hard"], radius=[0.01, 0.02], walls=[piston])
+    with pytest.raises(InputError, match="too light") as caught:
+        check_pistons(particle_setup(scene), 1e-6, 1e-6)
+    needed = float(str(caught.value).split("needs ")[1].split()[0])
+    assert needed == pytest.approx(2.0 * 2 * 4.0 / 3.0 * np.pi * 0.02**3 * 2500.0, rel=1e-2)
 
 
 SPECIES = [

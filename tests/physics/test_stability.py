@@ -5,11 +5,13 @@ A few rows of `benchmarks/stability.py`, whose cases these are.
 
 import math
 
+import numpy as np
 import pytest
 
 from jaxdem.scene.shapes import Shape
+from jaxdem.setup.contact_limit import Neighbours, contact_stability_limit
 from jaxdem.setup.shapes import template
-from jaxdem.setup.stability import LinearContact, contact_stability_limit
+from jaxdem.setup.stability import LinearContact
 from tests.cases import extremes, stability, surface_stability
 from tests.cases.tiers import COMBINATION, tiered
 
@@ -32,7 +34,7 @@ ROWS = extremes.rows() | surface_stability.rows()
 )
 def test_limit_is_2_over_the_largest_frequency(dimension, neighbors, contact, squared):
     """Known frequencies of lattices of unit masses; without walls."""
-    limit = contact_stability_limit(1.0, dimension, [(2.0, contact)], NONE, neighbors, 0)
+    limit = contact_stability_limit(1.0, dimension, [Neighbours(contact, 2.0, neighbors, 0)], NONE, 0)
     assert limit == pytest.approx(2.0 / math.sqrt(squared), rel=1e-9)
 
 
@@ -40,7 +42,7 @@ def test_limit_is_2_over_the_largest_frequency(dimension, neighbors, contact, sq
 def test_dashpots_lower_the_limit(ratio):
     """A damped mass on a wall: w dt = sqrt(16 b^2 + 4) - 4 b, the dashpot acting on v + a dt/2 of the step before."""
     wall = LinearContact(3.0, 0.0, 2.0 * ratio * math.sqrt(3.0), 0.0)
-    limit = contact_stability_limit(1.0, 2, [(2.0, NONE)], wall, 0, 1)
+    limit = contact_stability_limit(1.0, 2, [], wall, 1)
     expected = math.sqrt(16.0 * ratio**2 + 4.0) - 4.0 * ratio
     assert limit * math.sqrt(3.0) == pytest.approx(expected, rel=1e-9)
 
@@ -53,6 +55,26 @@ def test_predicted_contact_limit_is_safe_and_within_a_factor_of_two(name, materi
     row = stability.contact_limit(name, material)
     # The trial resolves 1.2 %: the largest stable step lies between the one found and the next.
     assert 0.5 <= row.ratio <= 1.012
+
+
+@pytest.mark.parametrize("name", ["pack with one hard grain", "hard ball, size ratio 5"])
+def test_predicted_limit_of_one_hard_grain_among_soft_ones(name):
+    """By the contacts that occur: those of two hard ones, of which there is one, would make it 20 times shorter."""
+    assert 0.5 <= stability.contact_limit(name, "e = 1, mu = 10").ratio <= 1.012
+
+
+def neighbours(*numbers):
+    """A stiff kind of particles, and a soft one, by how many there are."""
+    return [Neighbours(ROUGH._replace(normal=9.0), 2.0, numbers[0], 0), Neighbours(SMOOTH, 2.0, numbers[1], 1)]
+
+
+def test_a_stiff_neighbour_counts_as_often_as_there_is_one():
+    """One among 11 soft ones is worse than none and better than two; 12 leave no room for others, in either order."""
+    limits = [contact_stability_limit(1.0, 3, neighbours(n, 99), NONE, 0) for n in (0, 1, 2, 12, 99)]
+    assert all(np.diff(limits[:4]) < 0.0) and limits[3] == limits[4]
+    assert limits[0] == contact_stability_limit(1.0, 3, neighbours(0, 99)[1:], NONE, 0)
+    assert limits[4] == contact_stability_limit(1.0, 3, neighbours(99, 99)[::-1], NONE, 0)
+    assert limits[4] == contact_stability_limit(1.0, 3, neighbours(99, 0)[:1], NONE, 0)
 
 
 @pytest.mark.parametrize(
