@@ -90,7 +90,6 @@ def runs(tmp_path_factory):
     return one, two, back
 
 
-@COMBINATION
 @pytest.mark.parametrize("number", [1, 2])
 def test_plates_that_break_are_those_of_one_device(runs, number):
     """The same bonds have broken or gone with a grain, also those of which both have gone, the others carry the same
@@ -126,7 +125,6 @@ def test_plates_that_break_are_those_of_one_device(runs, number):
     assert energy["dissipated"]["breaking"] > 1e-4 * scale and energy["dissipated"]["bond_damping"] > 1e-3 * scale
 
 
-@COMBINATION
 def test_a_run_begins_from_one_in_slabs(runs):
     """The bonds of a run on one device that begins from another, and how its grains are turned."""
     states = []
@@ -167,6 +165,7 @@ def test_bonds_in_single_precision_come_back():
     assert np.any(np.asarray(state.particles.bonds.separation_low[0]) != 0.0)
 
 
+@COMBINATION
 def test_plates_in_space_on_four_devices():
     """Bonds that hold, of plates that go over all borders."""
     scene = jaxdem.load_scene(cold(tables_of_plates(3, BOND)))
