@@ -23,6 +23,9 @@ from jaxdem.state import Parameters
 LEAST = 16
 """Rows, ghosts and travellers that there is always room for beside those that are needed."""
 
+UNEVEN = 1.1
+"""Of slabs that do not move, beside a fluid, the fullest has rows for so many times its particles."""
+
 TRAVELLERS = 8
 """There is room for one of so many particles of a slab to go to the same neighbour at once."""
 
@@ -138,7 +141,8 @@ def needed_room(
     slab = slab_of(planes, along)
     counts = np.bincount(slab, minlength=number)
     fullest = max(counts.max(), (len(position) + coming) / number)
-    rows = math.ceil(IMBALANCE**2 * fullest) + LEAST if number > 1 else max(math.ceil(fullest), 1)
+    margin = IMBALANCE**2 if division.balanced else UNEVEN  # contact steps work on all rows, with a particle or without
+    rows = math.ceil(margin * fullest) + LEAST if number > 1 else max(math.ceil(fullest), 1)
     near = np.zeros(len(along), bool)
     most = 0
     wraps = division.blocks.periodic and number > 1

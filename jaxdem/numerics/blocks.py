@@ -7,6 +7,7 @@ code for both has no branches, and one device compiles the program without them.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TypeVar
 
 import jax
@@ -47,19 +48,22 @@ class Blocks:
         """The tree of the neighbour above; zeros in the last slab where the axis is not periodic."""
         return self._shifted(tree, -1)
 
-    def from_both(self, lowest: Array, highest: Array) -> tuple[Array, Array]:
+    def from_both(
+        self, lowest: Array, highest: Array, packed: Callable[[Array], Array] = lambda given: given
+    ) -> tuple[Array, Array]:
         """What the neighbour below sends of its `highest`, and the one above of its `lowest`; zeros where none is.
 
-        Two slabs have one neighbour each, and exchange arrays of one shape in one message.
+        Two slabs have one neighbour each, and exchange arrays of one shape in one message. What is sent is `packed` of
+        them: of two slabs at the ends of an axis that is not periodic, of one of them.
         """
         if self.number != 2 or lowest.shape != highest.shape:
-            return self.from_lower(highest), self.from_upper(lowest)
+            return self.from_lower(packed(highest)), self.from_upper(packed(lowest))
         other = [(0, 1), (1, 0)]
         if self.periodic:
-            come = lax.ppermute(jnp.stack((highest, lowest)), MESH_AXIS, other)
+            come = lax.ppermute(jnp.stack((packed(highest), packed(lowest))), MESH_AXIS, other)
             return come[0], come[1]
         first = self.index() == 0
-        come = lax.ppermute(jnp.where(first, highest, lowest), MESH_AXIS, other)
+        come = lax.ppermute(packed(jnp.where(first, highest, lowest)), MESH_AXIS, other)
         none = jnp.zeros_like(come)
         return jnp.where(first, none, come), jnp.where(first, come, none)
 

@@ -184,7 +184,7 @@ def exchanged(blocks: Blocks, ghosts: Ghosts, own: Vector, due: Array | None) ->
         first = jnp.stack([x[0] for x in own])[:, None]
         return jnp.where(there[None], jnp.concatenate((from_below, from_above), axis=1), first)
 
-    from_below, from_above = blocks.from_both(packed(ghosts.lower), packed(ghosts.upper))
+    from_below, from_above = blocks.from_both(ghosts.lower, ghosts.upper, packed)
     if due is None:
         return filled(from_below, from_above), jnp.full((), NEVER, jnp.int32)
     heard = lax.stop_gradient(jnp.stack((from_below[0, -1], from_above[0, -1])))

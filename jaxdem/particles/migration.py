@@ -28,7 +28,7 @@ from jaxdem.particles.slab_bonds import relisted, rows_first, rows_last, without
 from jaxdem.particles.slab_list import History, history_of, memory_of_rows, memory_of_slab, of_pairs, renewed_list
 from jaxdem.particles.slab_rows import Sizes, Standing
 
-IMBALANCE = 1.05
+IMBALANCE = 1.02
 """The cut planes move where the fullest slab has this many times its share of the particles, ..."""
 
 LEAST_EXCESS = 8

@@ -111,11 +111,11 @@ def test_both_ways_are_a_message_each(number, periodic):
     def weighted(exchange):
         def objective(low, high):
             below, above = on_slabs(blocks, exchange, low, high)
-            return jnp.sum(jnp.sin(below) * 2.0 + above**3)
+            return jnp.sum(below * 2.0 + above**3)
 
         return jax.jit(jax.grad(objective, argnums=(0, 1)))(low, high)
 
-    slopes = weighted(blocks.from_both), weighted(lambda a, b: (blocks.from_lower(b), blocks.from_upper(a)))
-    np.testing.assert_array_equal(*slopes)
+    alone = weighted(lambda a, b: (blocks.from_lower(jnp.sin(b)), blocks.from_upper(jnp.sin(a))))
+    np.testing.assert_array_equal(weighted(lambda a, b: blocks.from_both(a, b, jnp.sin)), alone)
     longer = jax.jit(lambda a, b: on_slabs(blocks, lambda a, b: blocks.from_both(jnp.stack((a, a)), b)[0], a, b))
     np.testing.assert_array_equal(longer(low, high), expected[0])

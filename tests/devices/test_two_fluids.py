@@ -62,8 +62,12 @@ def warm_grains():
 
 @pytest.mark.parametrize(
     ("tables", "number", "axis"),
-    [pytest.param(warm_grains(), 2, 0, marks=COMBINATION), (scene_of([16, 32], ALONG_X), 4, 1)],
-    ids=["warm grains in a channel", "a drop falls"],
+    [
+        pytest.param(warm_grains(), 2, 0, marks=COMBINATION),
+        (scene_of([16, 32], ALONG_X), 4, 1),
+        pytest.param(scene_of([8, 8, 32], ALONG_X), 4, 2, marks=COMBINATION),
+    ],
+    ids=["warm grains in a channel", "a drop falls", "a drop falls in space"],
 )
 def test_two_fluids_are_those_of_one_device(tables, number, axis):
     """After ten intervals the same surface, velocity, pressure, heat and grains within 1e-10, and the same iterations
