@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import jaxdem
+from tests.cases.tiers import COMBINATION
 
 COMPILER = ("XLA_FLAGS", "JAX_DISABLE_MOST_OPTIMIZATIONS")
 """What the tests set of the compiler."""
@@ -49,6 +50,7 @@ output_interval = 0.02
 """
 
 
+@COMBINATION
 def test_a_coupled_run_is_the_same_as_with_the_program_that_users_have(tmp_path):
     """Contacts, lists, fluid and exchange: every metric to 1e-9, where rounding differs and grains have hardly met."""
     path = tmp_path / "scene.toml"
