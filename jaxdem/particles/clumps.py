@@ -19,6 +19,7 @@ from jax import Array
 from jaxdem.numerics import compensated, vectors
 from jaxdem.numerics import pair_arithmetic as pairs
 from jaxdem.numerics.compensated import Low, Pair
+from jaxdem.numerics.quotients import quotient
 from jaxdem.numerics.stages import stage
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.clump_shape import Clumps, Placed
@@ -87,7 +88,7 @@ def _about(axis: int, angle: Array, momentum: list[Array]) -> tuple[Vector, list
 def kicked(motion: Motion, force: Vector, torque: Vector, bodies: ParticleProperties, time_step: Array) -> Motion:
     """Velocities changed by force [N] and torque [N m] over `time_step` [s]; see `integrate.kick`."""
     clumps = bodies.rigid
-    linear, angular = time_step / bodies.mass, time_step / bodies.first_inertia
+    linear, angular = quotient(time_step, bodies.mass), quotient(time_step, bodies.first_inertia)
     spin = vectors.add_scaled(motion.angular_velocity, angular, torque)
     if len(spin) == 3:
         ratio = _over_first(clumps)

@@ -22,6 +22,7 @@ from jax import Array
 
 from jaxdem.numerics import vectors
 from jaxdem.numerics.host import namespace
+from jaxdem.numerics.quotients import quotient
 from jaxdem.numerics.static import static
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.cohesion import CohesionConstants
@@ -266,4 +267,4 @@ def _with_coulomb_limit(
 def _cut(size: Array, limit: Array) -> Array:
     """limit / size where the size exceeds the limit, else 1."""
     exceeds = size > limit
-    return jnp.where(exceeds, limit / jnp.where(exceeds, size, 1.0), 1.0)
+    return jnp.where(exceeds, quotient(limit, jnp.where(exceeds, size, 1.0)), 1.0)

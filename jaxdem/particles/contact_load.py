@@ -12,6 +12,7 @@ from jax import Array
 
 from jaxdem.errors import required
 from jaxdem.numerics import vectors
+from jaxdem.numerics.quotients import quotient
 from jaxdem.numerics.stages import stage
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles import tangent
@@ -211,7 +212,7 @@ def _share_of_step(overlap: Array, reach: Array) -> Array:
     continuous function of the position.
     """
     changes = jnp.abs(overlap) < reach
-    within = 0.5 + 0.5 * overlap / jnp.where(changes, reach, 1.0)
+    within = 0.5 + quotient(0.5 * overlap, jnp.where(changes, reach, 1.0))
     return jnp.where(changes, within, (overlap > 0).astype(overlap.dtype))
 
 
@@ -225,4 +226,4 @@ def _time_of_growth(overlap: Array, closing_speed: Array, time_step: Array) -> A
     Source: MFIX has the same, `calc_tangential_displacement` in its `calc_force_dem.f`.
     """
     begins = overlap < time_step * closing_speed
-    return jnp.where(begins, overlap / jnp.where(begins, closing_speed, 1.0), time_step)
+    return jnp.where(begins, quotient(overlap, jnp.where(begins, closing_speed, 1.0)), time_step)

@@ -11,6 +11,7 @@ from jax import Array
 from jaxdem.errors import required
 from jaxdem.numerics import compensated, vectors
 from jaxdem.numerics.compensated import Low
+from jaxdem.numerics.quotients import quotient
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.bond_state import BondState
 from jaxdem.particles.clump_shape import Clumps
@@ -263,7 +264,7 @@ def drift(motion: Motion, time_step: Array) -> Motion:
 
 def kick(motion: Motion, force: Vector, torque: Vector, properties: ParticleProperties, time_step: Array) -> Motion:
     """Velocities changed by force [N] and torque [N m] over `time_step` [s]."""
-    linear, angular = time_step / properties.mass, time_step / properties.inertia
+    linear, angular = quotient(time_step, properties.mass), quotient(time_step, properties.inertia)
     return motion._replace(
         velocity=vectors.add_scaled(motion.velocity, linear, force),
         angular_velocity=vectors.add_scaled(motion.angular_velocity, angular, torque),

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.numerics import vectors
+from jaxdem.numerics.quotients import quotient
 from jaxdem.numerics.static import static
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles import tangent
@@ -103,7 +104,7 @@ class ConstantDirectionalTorque:
         # Divided only where it limits: a rotation that dies out, to 1e-163 rad/s, would have an infinite slope in the
         # other branch.
         limited = full < stopping * rate
-        coefficient = jnp.where(limited, full / jnp.where(limited, rate, 1.0), stopping)
+        coefficient = jnp.where(limited, quotient(full, jnp.where(limited, rate, 1.0)), stopping)
         return vectors.scale(-coefficient, rolling), ()
 
 
@@ -142,7 +143,7 @@ class ElasticPlasticSpringDashpot:
         trial = vectors.add_scaled(turned, -stiffness * time_step, rolling)
         size, limit = vectors.length(trial), arm * force.elastic
         yields = size > limit
-        kept = vectors.scale(jnp.where(yields, limit / jnp.where(yields, size, 1.0), 1.0), trial)
+        kept = vectors.scale(jnp.where(yields, quotient(limit, jnp.where(yields, size, 1.0)), 1.0), trial)
         positive = stiffness > 0
         critical = 2.0 * jnp.sqrt(jnp.where(positive, stiffness * contact.rolling_inertia, 1.0))
         damping = jnp.where(positive & ~yields, material.rolling_damping * critical, 0.0)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 
 from jaxdem.numerics import vectors
+from jaxdem.numerics.quotients import quotient
 from jaxdem.numerics.vectors import Vector
 
 
@@ -48,7 +49,7 @@ def turned_into_plane(tangential: Vector, normal: Vector) -> Vector:
     flat = part_in_plane(tangential, normal)
     before, after = vectors.dot(tangential, tangential), vectors.dot(flat, flat)
     stretched = after > 0
-    ratio = jnp.where(stretched, before / jnp.where(stretched, after, 1.0), 1.0)
+    ratio = jnp.where(stretched, quotient(before, jnp.where(stretched, after, 1.0)), 1.0)
     return vectors.scale(jnp.sqrt(ratio), flat)
 
 

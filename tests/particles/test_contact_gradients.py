@@ -10,9 +10,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxdem.particles.contact import Contact, ContactForce, HertzMindlin, LinearSpringDashpot
+from jaxdem.particles.contact import Contact, ContactForce, ContactMaterial, HertzMindlin, LinearSpringDashpot
+from jaxdem.particles.integrate import Motion, ParticleProperties, kick
 from jaxdem.particles.materials import surroundings
 from jaxdem.particles.rolling import ConstantDirectionalTorque, Rotation
+from jaxdem.particles.tangent import turned_into_plane
 from tests.cases.tiers import COMBINATION
 from tests.cases.worlds import advance, constants, forces, world
 
@@ -124,6 +126,51 @@ def test_slope_of_a_rotation_that_dies_out_is_finite(spin):
     slope = float(jax.grad(torque)(spin))
     stopping = 0.4 * mass * radius**2 / step
     assert slope == (pytest.approx(-stopping, rel=1e-12) if spin < 0.1 * radius / stopping else 0.0)
+
+
+def in_single(*values):
+    return tuple(jnp.full(1, value, jnp.float32) for value in values)
+
+
+@pytest.mark.parametrize("slip", [1e-2, 1e-3, 3e-4, 1e-6])
+@pytest.mark.parametrize("law", [HertzMindlin(), LinearSpringDashpot()])
+def test_small_grains_that_do_not_touch_have_no_slope_in_single_precision(law, slip):
+    """The law is evaluated at 1e-12 of the radius where nothing touches, and what it gives is left out: grains of 1 mm
+    have forces there whose squares are no numbers in single precision."""
+    radius, mass, overlap, approach = in_single(5e-4, 5e-6, 5e-16, 1e-3)
+    material = ContactMaterial(*in_single(3e5, 1e5, 0.7, 0.3, 0.0, 0.0, 1e-6, 1e-6))
+
+    def kept(slip, spring):
+        given = Contact(overlap, 0.0 * approach, (0.0 * slip,), (spring,), radius, mass, mass)
+        return jnp.sum(jnp.where(overlap > radius, law(given, material).spring[0], 0.0))
+
+    slopes = jax.grad(kept, (0, 1))(*in_single(slip, slip * 5e-13))
+    assert all(float(slope[0]) == 0.0 for slope in slopes)
+
+
+@pytest.mark.parametrize("size", [1e-6, 1e-10, 1e-14, 1e-18])
+def test_slope_of_a_spring_that_is_turned_is_that_of_its_direction(size):
+    """The same at every length of the spring, in single precision."""
+    zero, sine, cosine = in_single(0.0, 0.6, 0.8)
+
+    def turned(spring):
+        return jnp.sum(sum(turned_into_plane(spring, (zero, sine, cosine))))
+
+    slopes, expected = (jax.grad(turned)(in_single(k, 0.5 * k, -0.3 * k)) for k in (size, 1.0))
+    np.testing.assert_allclose(np.ravel(slopes), np.ravel(expected), rtol=1e-5)
+
+
+def test_slope_of_a_kick_by_the_density_of_fine_powder():
+    """A grain of 1 um has a moment of inertia of 1e-28 kg m2."""
+
+    def spin(density):
+        bodies = ParticleProperties(radius=in_single(5e-7)[0], density=density)
+        state = Motion.of(world([[0.1, 0.1]], radius=RADIUS).state)
+        return kick(state, in_single(0.0, 0.0), in_single(1e-20), bodies, in_single(1e-9)[0]).angular_velocity[0][0]
+
+    (density,) = in_single(2500.0)
+    change = float(spin(density) - spin(jnp.inf * density))
+    np.testing.assert_allclose(jax.grad(spin)(density)[0], -change / 2500.0, rtol=1e-5)
 
 
 @pytest.mark.parametrize(
