@@ -26,6 +26,8 @@ class DragInputs(NamedTuple):
         filter_size: () width of the averaging that made the fluid fields, the cell size [m].
         fluid_density: () or, of two fluids, (N,) [kg/m3].
         dynamic_viscosity: () or, of two fluids, (N,) [Pa s].
+        wide_solid_fraction: (N,) of the field that is averaged over three cells along every axis; None for a law that
+            does not ask for it, see `sees_wide` [-].
     """
 
     particle_velocity: Array
@@ -37,6 +39,7 @@ class DragInputs(NamedTuple):
     filter_size: Array
     fluid_density: Array
     dynamic_viscosity: Array
+    wide_solid_fraction: Array | None = None
 
     @property
     def slip_velocity(self) -> Array:
@@ -85,6 +88,16 @@ class DragClosure(Protocol):
         ...
 
 
+def sees_wide(closure: Callable[[DragInputs], Drag]) -> bool:
+    """Whether a drag law asks for `DragInputs.wide_solid_fraction`, by an attribute `sees_wide` that is true."""
+    return bool(getattr(closure, "sees_wide", False))
+
+
+def asked_inputs(closure: DragClosure) -> tuple[str, ...]:
+    """The fields of `DragInputs` that a closure is given, in their order."""
+    return DragInputs._fields if sees_wide(closure) else DragInputs._fields[:-1]
+
+
 @jax.tree_util.register_static
 @dataclasses.dataclass(frozen=True)
 class FixedClosure:
@@ -92,9 +105,11 @@ class FixedClosure:
 
     Attributes:
         function: gives the `Drag`; two of these are the same law if they are the same object.
+        sees_wide: see the function `sees_wide`.
     """
 
     function: Callable[[DragInputs], Drag]
+    sees_wide: bool = False
 
     def __call__(self, inputs: DragInputs) -> Drag:
         """See `DragClosure`."""
@@ -103,4 +118,4 @@ class FixedClosure:
 
 def as_closure(law: Callable[[DragInputs], Drag]) -> DragClosure:
     """The law as a pytree: as it is where it is one, else a `FixedClosure`."""
-    return FixedClosure(law) if jax.tree_util.all_leaves([law]) else cast(DragClosure, law)
+    return FixedClosure(law, sees_wide(law)) if jax.tree_util.all_leaves([law]) else cast(DragClosure, law)

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxdem.closures.base import Drag, DragClosure, DragInputs
+from jaxdem.closures.base import Drag, DragClosure, DragInputs, FixedClosure, sees_wide
 from jaxdem.closures.correlation import Correlation
 from jaxdem.closures.invariant import InvariantClosure
 from jaxdem.closures.network import PaperNetwork
@@ -70,6 +70,11 @@ class EnsembleClosure:
         """The members' base law."""
         return self.members.base
 
+    @property
+    def sees_wide(self) -> bool:
+        """See `jaxdem.closures.base.sees_wide`."""
+        return sees_wide(self.members)
+
     def member(self, number: int) -> PaperNetwork | InvariantClosure:
         """One of the members by itself."""
         return jax.tree.map(lambda leaf: leaf[number], self.members)
@@ -108,7 +113,7 @@ class EnsembleClosure:
             mean = None if remainder is None else remainder / self.count
             return Drag(coefficient / self.count, mean, outside)
 
-        return drag
+        return FixedClosure(drag, self.sees_wide)
 
 
 def _mean(drags: Drag) -> Drag:

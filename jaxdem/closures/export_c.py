@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxdem.closures.base import DragClosure, DragInputs
+from jaxdem.closures.base import DragClosure, asked_inputs
 from jaxdem.closures.export_trace import OPERATIONS, UNITS, VECTORS, ExportedDrag, Result, moved, trace, walk
 
 UNROLLED = 8
@@ -62,7 +62,7 @@ def c_header(closure: DragClosure, dimension: int, name: str, about: str, versio
         np.array([f"in->{field}[{i}]" for i in range(dimension)], object)
         if field in VECTORS
         else np.array(f"in->{field}", object)
-        for field in DragInputs._fields
+        for field in asked_inputs(closure)
     ]
     results = ExportedDrag(*walk(trace(closure, dimension), inputs, writer.apply))
     for field, value in results._asdict().items():
@@ -77,7 +77,7 @@ def c_header(closure: DragClosure, dimension: int, name: str, about: str, versio
         about="\n".join(f"   {line}".rstrip() for line in about.replace("*/", "* /").splitlines()),
         name=name,
         guard=f"{name.upper()}_H",
-        inputs=_members(DragInputs._fields, dimension),
+        inputs=_members(asked_inputs(closure), dimension),
         outputs=_members(ExportedDrag._fields, dimension),
         tables="".join(f"{table}\n\n" for table in tables),
         body=body,

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxdem.closures.base import DragClosure, DragInputs
+from jaxdem.closures.base import DragClosure, asked_inputs
 from jaxdem.closures.export_trace import OPERATIONS, UNITS, VECTORS, ExportedDrag, Result, Value, trace, walk
 from jaxdem.errors import InputError
 
@@ -16,7 +16,7 @@ OPERATOR_SET, FORMAT = 17, 8
 
 
 def onnx_model(closure: DragClosure, dimension: int, about: str, version: str) -> bytes:
-    """Bytes of an ONNX file with the inputs of `DragInputs` and the outputs of `ExportedDrag` by name.
+    """Bytes of an ONNX file with the `asked_inputs` and the outputs of `ExportedDrag` by name.
 
     Vectors are (particles, D), all else (particles,); everything float32, `out_of_range` bool.
 
@@ -30,7 +30,9 @@ def onnx_model(closure: DragClosure, dimension: int, about: str, version: str) -
         InputError: the package onnx is not installed.
     """
     writer = Writer()
-    inputs = [writer.input(name, (dimension,) if name in VECTORS else (), UNITS[name]) for name in DragInputs._fields]
+    inputs = [
+        writer.input(name, (dimension,) if name in VECTORS else (), UNITS[name]) for name in asked_inputs(closure)
+    ]
     results = walk(trace(closure, dimension), inputs, writer.apply)
     for name, value in zip(ExportedDrag._fields, results, strict=True):
         vector = name in ("remainder", "force")

@@ -19,7 +19,7 @@ LOCATION = re.compile(r" loc\([^()]*(\([^()]*\))*[^()]*\)|^#loc.*\n", re.MULTILI
 def stablehlo_module(closure: DragClosure, dimension: int) -> tuple[bytes, str]:
     """The closure for any number of particles: (artifact, text of the module).
 
-    `jax.export.deserialize(artifact).call(*inputs)` takes the fields of `DragInputs` in their order, vectors
+    `jax.export.deserialize(artifact).call(*inputs)` takes the `asked_inputs` of the closure, vectors
     (particles, D), all else (particles,), float32, and gives the fields of `ExportedDrag` as a tuple. The module
     uses no operation of one platform and may be called on any.
 
@@ -38,7 +38,7 @@ def stablehlo_module(closure: DragClosure, dimension: int) -> tuple[bytes, str]:
     anywhere = [export.DisabledSafetyCheck.platform()]
     with without_source_lines():
         exported = export.export(jax.jit(drag), platforms=("cpu",), disabled_checks=anywhere)(
-            *input_shapes(dimension, batch)
+            *input_shapes(closure, dimension, batch)
         )
     return bytes(exported.serialize()), LOCATION.sub("", exported.mlir_module())
 

@@ -15,10 +15,12 @@ import numpy as np
 from jax import Array
 from jax.extend.core import ClosedJaxpr, Literal
 
-from jaxdem.closures.base import DragClosure, DragInputs
+from jaxdem.closures.base import DragClosure, DragInputs, asked_inputs
 
 VECTORS = ("particle_velocity", "fluid_velocity", "void_fraction_gradient", "pressure_gradient")
 """Inputs with D components; all others are one number for each particle."""
+FRACTIONS = ("solid_fraction", "wide_solid_fraction")
+"""Inputs of one number that are never the same for all particles."""
 
 UNITS = {
     "particle_velocity": "m/s",
@@ -30,6 +32,7 @@ UNITS = {
     "filter_size": "m, cell size",
     "fluid_density": "kg/m3",
     "dynamic_viscosity": "Pa s",
+    "wide_solid_fraction": "mean over three cells along every axis, at the particle",
     "coefficient": "kg/s, >= 0",
     "remainder": "N",
     "force": "N, coefficient (u - v) + remainder",
@@ -102,11 +105,12 @@ class ExportedDrag(NamedTuple):
 
 
 def one_particle(closure: DragClosure) -> Callable[..., ExportedDrag]:
-    """Drag on one particle as a function of the fields of `DragInputs`: vectors (D,), all else ()."""
+    """Drag on one particle as a function of its `asked_inputs`: vectors (D,), all else ()."""
 
     def drag(*values: Array) -> ExportedDrag:
         inputs = DragInputs(*values)
-        rows = {name: getattr(inputs, name)[None] for name in (*VECTORS, "solid_fraction")}
+        given = {name: getattr(inputs, name) for name in (*VECTORS, *FRACTIONS)}
+        rows = {name: value[None] for name, value in given.items() if value is not None}
         result = closure(inputs._replace(**rows))
         slip = inputs.fluid_velocity - inputs.particle_velocity
         coefficient = result.coefficient[0]
@@ -116,17 +120,17 @@ def one_particle(closure: DragClosure) -> Callable[..., ExportedDrag]:
     return drag
 
 
-def input_shapes(dimension: int, batch: Sequence[Any] = ()) -> list[jax.ShapeDtypeStruct]:
-    """Shapes of the inputs in the order of `DragInputs`, float32, with the batch in front."""
+def input_shapes(closure: DragClosure, dimension: int, batch: Sequence[Any] = ()) -> list[jax.ShapeDtypeStruct]:
+    """Shapes of the `asked_inputs`, float32, with the batch in front."""
     return [
         jax.ShapeDtypeStruct((*batch, dimension) if name in VECTORS else batch, jnp.float32)
-        for name in DragInputs._fields
+        for name in asked_inputs(closure)
     ]
 
 
 def trace(closure: DragClosure, dimension: int) -> ClosedJaxpr:
     """The operations of `one_particle` in float32."""
-    return jax.make_jaxpr(one_particle(closure))(*input_shapes(dimension))
+    return jax.make_jaxpr(one_particle(closure))(*input_shapes(closure, dimension))
 
 
 class Result(Protocol):

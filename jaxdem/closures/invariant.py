@@ -32,7 +32,10 @@ FEATURES = (
 WITHOUT_PRESSURE = FEATURES[:5]
 """The features that do not see the pressure gradient."""
 
-FURTHER_FEATURES = ("log_solid_fraction",)
+WIDE = "log_wide_solid_fraction"
+"""The feature for which the solid fraction of three cells along every axis is taken."""
+
+FURTHER_FEATURES = ("log_solid_fraction", WIDE)
 """Inputs that a network has if it is asked to, after those of `FEATURES`."""
 
 THIN = 0.01
@@ -92,7 +95,8 @@ class InvariantClosure:
     and, from the size D = c |u - v| of the base force and P = pi d^3 / 6 |grad p| of the pressure force,
     pi d^3 / 6 grad p . (u - v)/|u - v| Re / (1 + Re) / (P + D);  P / (P + D).
     On request ("log_solid_fraction") also ln(s + 0.01), for data from thin to dense: of s alone a small network does
-    not resolve the thin end.
+    not resolve the thin end; and ("log_wide_solid_fraction") ln(s_w + 0.01) with the mean s_w over three cells along
+    every axis: whether the particle is in a cluster or in a suspension that is as dense all around.
     Re / (1 + Re) keeps the fourth and the sixth smooth at zero slip, where they are 0.
 
     The last layer starts at zero: the untrained closure is its base law. Without terms there is no remainder,
@@ -161,6 +165,11 @@ class InvariantClosure:
             features=tuple(features),
             bounded=bounded,
         )
+
+    @property
+    def sees_wide(self) -> bool:
+        """See `jaxdem.closures.base.sees_wide`."""
+        return WIDE in self.features
 
     def prepare(self, inputs: DragInputs) -> PreparedInputs:
         """Features, gate, base coefficient, term vectors; without weights, so training does it once."""
@@ -239,6 +248,11 @@ def invariant_features(inputs: DragInputs, coefficient: Array, names: Sequence[s
         "void_fraction_gradient_along_slip": jnp.sum(gradient * direction, axis=-1),
         "void_fraction_gradient_size": row_lengths(gradient),
     }
+    if WIDE in names:
+        if inputs.wide_solid_fraction is None:
+            limit, remedy = "needs wide_solid_fraction, which these inputs lack", "Make the dataset again, or add it."
+            raise InputError("features", WIDE, limit, remedy)
+        values[WIDE] = jnp.log(jnp.maximum(inputs.wide_solid_fraction, 0.0) + THIN)
     if set(names) & set(FEATURES[5:]):
         force = _term_vector("pressure_gradient", inputs, coefficient)
         size = row_lengths(force)

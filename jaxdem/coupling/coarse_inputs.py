@@ -11,7 +11,7 @@ from jax import Array
 
 from jaxdem.closures.base import DragInputs
 from jaxdem.coupling.deposition import Deposition
-from jaxdem.coupling.inputs import MeshFields, deconvolved, drag_inputs
+from jaxdem.coupling.inputs import MeshFields, deconvolved, drag_inputs, with_wide_solids
 from jaxdem.coupling.interpolation import Weights
 from jaxdem.coupling.member_weights import body_weights
 from jaxdem.coupling.own_volume import with_volume_of_grain
@@ -36,6 +36,7 @@ class CoarseInputs:
         deposition: of the particles on its cells.
         deconvolution: see `deconvolved`, 0 for none [-].
         grain_volume: whether a parcel sees the volume of one grain in place of its own, see `own_volume`.
+        wide: whether the law sees the solid fraction of three cells along every axis.
     """
 
     grid: Grid
@@ -43,6 +44,7 @@ class CoarseInputs:
     deposition: Deposition
     deconvolution: float = 0.0
     grain_volume: bool = False
+    wide: bool = False
 
     def __call__(
         self,
@@ -98,6 +100,8 @@ class CoarseInputs:
         slope = pressure_slope(self.grid, self.boundary, fluid, continued=True)
         fields = MeshFields(velocity, slope, solids)
         inputs = drag_inputs(self.grid, weights, fields, particles.velocity, bodies, properties)
+        if self.wide:
+            inputs = with_wide_solids(self.grid, weights, inputs, solids)
         if self.grain_volume:
             inputs = with_volume_of_grain(self.grid, weights, inputs, bodies)
         if self.deconvolution > 0.0:

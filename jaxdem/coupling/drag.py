@@ -14,7 +14,7 @@ from jaxdem.closures.neighbors import NeighborClosure
 from jaxdem.closures.shaped import ParticleShape, ShapedCorrelation
 from jaxdem.coupling.coarse_inputs import CoarseInputs
 from jaxdem.coupling.forces.protocol import IntervalStart
-from jaxdem.coupling.inputs import deconvolved
+from jaxdem.coupling.inputs import deconvolved, with_wide_solids
 from jaxdem.coupling.member_weights import crosswise_sphericity
 from jaxdem.coupling.model_b import drag_of_model_b
 from jaxdem.coupling.own_volume import with_volume_of_grain
@@ -44,6 +44,8 @@ class DragModel:
         polydisperse: whether grains of different sizes share the drag of their mean diameter, see `polydisperse`.
         grain_volume: whether a parcel sees the volume of one grain in place of its own, see `own_volume`; without
             `coarse_inputs`, which have their own.
+        wide: whether the law sees the solid fraction of three cells along every axis; without `coarse_inputs`, which
+            have their own.
     """
 
     form: str = "A"
@@ -53,6 +55,7 @@ class DragModel:
     surroundings: Surroundings | None = None
     polydisperse: bool = False
     grain_volume: bool = False
+    wide: bool = False
 
     def in_blocks(self, blocks: Blocks, drift: float) -> DragModel:
         """The same in one slab of the box; `drift` is how far its particles may stand outside of it [m]."""
@@ -74,6 +77,8 @@ class DragModel:
         """
         if self.coarse_inputs is not None:
             return self.coarse_inputs(start.grid, fluid, solids, start.particles, start.bodies, start.properties)
+        if self.wide:
+            inputs = with_wide_solids(start.grid, start.weights, inputs, solids)
         if self.grain_volume:
             inputs = with_volume_of_grain(start.grid, start.weights, inputs, start.bodies, start.properties.cut)
         if self.deconvolution > 0.0:

@@ -11,7 +11,7 @@ from jax import Array
 from jaxdem.closures.base import DragInputs
 from jaxdem.coupling.interpolation import Weights, interpolate
 from jaxdem.fluid.fluid_state import FluidProperties
-from jaxdem.fluid.grid import FaceField, Grid, cell_average, gradient, second_differences
+from jaxdem.fluid.grid import FaceField, Grid, cell_average, gradient, mean_over_three, second_differences
 from jaxdem.fluid.second_fluid import fluidity, mixture_density
 from jaxdem.particles.integrate import ParticleProperties
 
@@ -104,3 +104,16 @@ def deconvolved(
     """
     curvature = tuple(second_differences(grid, component) for component in cell_average(face_velocity))
     return inputs._replace(fluid_velocity=inputs.fluid_velocity - strength * interpolate(weights, curvature))
+
+
+def with_wide_solids(grid: Grid, weights: Weights, inputs: DragInputs, solids: Array) -> DragInputs:
+    """The inputs with the solid fraction at the particles of the field that is averaged over three cells along every
+    axis.
+
+    Args:
+        grid: of the fluid.
+        weights: of the N particles.
+        inputs: without it.
+        solids: solid fraction of the cells [-].
+    """
+    return inputs._replace(wide_solid_fraction=interpolate(weights, (mean_over_three(grid, solids),))[:, 0])

@@ -97,6 +97,15 @@ def second_differences(grid: Grid, cell: Array) -> Array:
     return sum_of(parts)
 
 
+def mean_over_three(grid: Grid, cell: Array) -> Array:
+    """Mean of a cell field over three cells along every axis; at a side the last value is continued."""
+    for axis in range(grid.dimension):
+        before, after = beyond(grid, axis, cell, (-1,), (0,), own_layers(cell, axis))
+        wide = jnp.concatenate((before, cell, after), axis)
+        cell = (along(wide, axis, None, -2) + cell + along(wide, axis, 2, None)) / 3.0
+    return cell
+
+
 def own_layers(array: Array, axis: int) -> Callable[[], Ends]:
     """The first and the last layer, as what lies beyond the sides of the box, for `beyond`."""
     return lambda: (along(array, axis, 0, 1), along(array, axis, -1, None))

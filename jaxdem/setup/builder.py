@@ -14,7 +14,7 @@ from typing import Unpack
 import jax
 import numpy as np
 
-from jaxdem.closures.base import DragClosure
+from jaxdem.closures.base import DragClosure, sees_wide
 from jaxdem.devices import DividedSimulation, distributed, divided
 from jaxdem.errors import InputError
 from jaxdem.particles.neighbors import Neighbors, Room
@@ -225,7 +225,9 @@ def build_case(
         closure = drag_closure(scene, scene.coupling, closure)
         surroundings = surroundings_of(scene, particles, closure)
         own = extensions.get("forces") or ()
-        coupling = fluid_coupling(scene.coupling, interval, particles.bodies.largest_diameter, surroundings, own)
+        coupling = fluid_coupling(
+            scene.coupling, interval, particles.bodies.largest_diameter, surroundings, own, sees_wide(closure)
+        )
         seen = seen.with_particles(interval.solver.grid, coupling.deposition, particles.bodies.largest_diameter)
     scalar_surfaces = None if interval is None else surfaces_of_scalars(scene, interval.solver.grid, seen)
     scalars = scene_scalars(scene, particles, interval, steps, extensions.get("nusselt"), scalar_surfaces)

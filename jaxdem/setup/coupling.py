@@ -33,6 +33,7 @@ def fluid_coupling(
     diameter: float,
     surroundings: Surroundings | None = None,
     own: Sequence[FluidForce] = (),
+    wide: bool = False,
 ) -> Coupling:
     """The exchange between fluid and particles.
 
@@ -42,6 +43,7 @@ def fluid_coupling(
         diameter: of the largest particle [m].
         surroundings: finds the neighbours for a drag law that asks for them.
         own: forces of the user beside those of the scene.
+        wide: whether the drag law asks for the solid fraction of three cells along every axis.
 
     Raises:
         InputError: the kernel is too wide or too narrow for what is wanted, or two forces have one name.
@@ -54,11 +56,12 @@ def fluid_coupling(
     drag = DragModel(
         fluid.solver.model,
         _self_disturbance(table, deposition, grid, diameter) if table.self_disturbance else None,
-        _coarse_inputs(table, grid, fluid.solver.boundary, diameter) if table.drag_inputs_coarsened > 1 else None,
+        _coarse_inputs(table, grid, fluid.solver.boundary, diameter, wide) if table.drag_inputs_coarsened > 1 else None,
         _deconvolution(table, deposition, grid),
         surroundings,
         table.polydisperse,
         table.own_volume == "grain",
+        wide,
     )
     return Coupling(fluid, deposition, drag, _named_once((*_further_forces(table), *own)))
 
@@ -143,11 +146,11 @@ def _width_error(table: CouplingTable, limit: str, remedy: str) -> InputError:
     return InputError("coupling.kernel_width", {"diameters": width.diameters, "cells": width.cells}, limit, remedy)
 
 
-def _coarse_inputs(table: CouplingTable, grid: Grid, boundary: Boundary, diameter: float) -> CoarseInputs:
+def _coarse_inputs(table: CouplingTable, grid: Grid, boundary: Boundary, diameter: float, wide: bool) -> CoarseInputs:
     coarse = coarsened(grid, table.drag_inputs_coarsened)
     deposition = _deposition(table, coarse, diameter)
     of_grain = table.own_volume == "grain"
-    return CoarseInputs(coarse, boundary, deposition, _deconvolution(table, deposition, coarse), of_grain)
+    return CoarseInputs(coarse, boundary, deposition, _deconvolution(table, deposition, coarse), of_grain, wide)
 
 
 def _deconvolution(table: CouplingTable, deposition: Deposition, grid: Grid) -> float:

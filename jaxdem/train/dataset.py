@@ -47,6 +47,7 @@ COLUMNS = (
     "solid_fraction",
     "void_fraction_gradient",
     "pressure_gradient",
+    "wide_solid_fraction",
 )
 
 
@@ -185,7 +186,7 @@ class CoarseView:
         bodies, fluid, solver, dtype = self.bodies, self.properties, self.coupling.interval.solver, position.dtype
         drag = self.coupling.drag
         seen = self.coupling.deposition, drag.deconvolution, drag.grain_volume
-        view = CoarseInputs(self.coarse, solver.boundary, *seen)
+        view = CoarseInputs(self.coarse, solver.boundary, *seen, wide=True)
         particles = ParticleState(position, None, velocity, velocity[:, :0], (), (), velocity, None)
         averaged = tuple(f.astype(dtype) for f in flux), pressure.astype(dtype)
         inputs, state, weights = view.sample(*averaged, particles, bodies, fluid, mean_gradient)

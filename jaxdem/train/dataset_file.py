@@ -29,6 +29,9 @@ VECTORS = (
     "target_force",
 )
 
+LATER = ("wide_solid_fraction",)
+"""Numbers that files of the first versions lack."""
+
 SEEING = ("coupling.kernel_width", "coupling.void_fraction", "coupling.deconvolution")
 """Keys of a scene that say how a mesh sees the particles, and its drag law the fluid."""
 
@@ -58,6 +61,7 @@ class Group:
         drag_force: (M, D) what the drag law of the fine run gave, in the form of model A [N].
         target_force: (M, D) fluid force of the fine run less the pressure and viscous force that a run on the
             coarse mesh applies itself [N].
+        wide_solid_fraction: (M,) see `DragInputs`; None of a file without [-].
     """
 
     coarsening: int
@@ -74,20 +78,22 @@ class Group:
     diameter: Floats
     drag_force: Floats
     target_force: Floats
+    wide_solid_fraction: Floats | None = None
 
     def __len__(self) -> int:
         return len(self.time)
 
     def select(self, rows: NDArray[np.integer | np.bool_]) -> Group:
         """The group with the given rows only (indices or a mask)."""
-        arrays = {name: getattr(self, name)[rows] for name in SCALARS + VECTORS}
+        arrays = {name: getattr(self, name) for name in SCALARS + VECTORS + LATER}
+        arrays = {name: None if array is None else array[rows] for name, array in arrays.items()}
         return dataclasses.replace(self, **arrays)
 
     def drag_inputs(self) -> DragInputs:
         """What a drag closure is given: JAX arrays in the samples' dtype (float32 where x64 is off)."""
         dtype = jnp.asarray(self.fluid_velocity[:0]).dtype
-        names = DragInputs._fields
-        return DragInputs(**{name: jnp.asarray(getattr(self, name), dtype) for name in names})
+        given: dict[str, Any] = {name: getattr(self, name) for name in DragInputs._fields}
+        return DragInputs(**{name: None if own is None else jnp.asarray(own, dtype) for name, own in given.items()})
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -138,7 +144,8 @@ def write_dataset(
             group = file.create_group(place)
             for name in GROUP_ATTRIBUTES:
                 group.attrs[name] = float(_require(content, name, str(path), place))
-            for name in SCALARS + VECTORS:
+            later = tuple(name for name in LATER if name in content)
+            for name in SCALARS + VECTORS + later:
                 store(group, name, _require(content, name, str(path), place))
         _read(file, str(path))
         image = image_of(file)
@@ -180,9 +187,10 @@ def _read_group(group: h5py.Group, place: str, dimension: int, path: str) -> dic
     content: dict[str, Any] = {name: float(_require(group.attrs, name, path, place)) for name in GROUP_ATTRIBUTES}
     rows = _require(group, "time", path, place).shape[0]
     valid_run = "Make it again from a run whose summary says valid."
-    for name in SCALARS + VECTORS:
+    later = tuple(name for name in LATER if name in group)
+    for name in SCALARS + VECTORS + later:
         stored = _require(group, name, path, place)
-        shape = (rows,) if name in SCALARS else (rows, dimension)
+        shape = (rows, dimension) if name in VECTORS else (rows,)
         if stored.shape != shape or rows == 0:
             limit = f"{place}/{name} has shape {stored.shape}, {shape} with at least one row is needed"
             raise DATASET.refusal(path, limit)

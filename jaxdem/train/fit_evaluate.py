@@ -133,7 +133,7 @@ def r_squared(predicted: Forces, target: Forces) -> float:
 
 def float32_inputs(group: Group) -> DragInputs:
     """The group's drag inputs in single precision, in which closures are trained."""
-    return DragInputs(*(leaf.astype(np.float32) for leaf in group.drag_inputs()))
+    return jax.tree.map(lambda leaf: leaf.astype(np.float32), group.drag_inputs())
 
 
 def map_rows(function: Callable[[DragInputs], Any], group: Group) -> Any:

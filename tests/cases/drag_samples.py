@@ -6,7 +6,7 @@ import jax
 import numpy as np
 
 from jaxdem.closures import KochHill
-from jaxdem.train.dataset_file import SCALARS, VECTORS, Group, read_dataset, write_dataset
+from jaxdem.train.dataset_file import LATER, SCALARS, VECTORS, Group, read_dataset, write_dataset
 
 CELL, DIAMETER, DENSITY, VISCOSITY = 0.04, 0.02, 1000.0, 1e-3
 
@@ -57,8 +57,9 @@ def write(path, run, groups, dimension=2):
         "run": run,
         "scene_toml": "seed = 1\n",
     }
-    names = ("filter_size", "kernel_width", *SCALARS, *VECTORS)
+    names = ("filter_size", "kernel_width", *SCALARS, *VECTORS, *LATER)
     content = {group.coarsening: {name: getattr(group, name) for name in names} for group in groups}
+    content = {n: {name: value for name, value in own.items() if value is not None} for n, own in content.items()}
     write_dataset(path, attributes, content)
     return path
 

@@ -22,11 +22,12 @@ from jaxdem.closures import (
     InvariantClosure,
     PaperNetwork,
 )
+from jaxdem.closures.base import sees_wide
 from jaxdem.closures.export import export_closure, identifier
 from jaxdem.closures.export_c import c_header
 from jaxdem.closures.export_onnx import onnx_model
 from jaxdem.closures.export_trace import ExportedDrag, input_shapes, one_particle
-from jaxdem.closures.invariant import TERMS, WITHOUT_PRESSURE
+from jaxdem.closures.invariant import TERMS, WIDE, WITHOUT_PRESSURE
 from jaxdem.errors import InputError
 
 COMPILER = shutil.which("cc")
@@ -40,7 +41,7 @@ ROW_NAMES = (
 )
 
 
-def inputs_for(dimension, seed=0):
+def inputs_for(dimension, seed=0, wide=False):
     """Inputs of all sizes in float32: random ones, still ones, packed beyond every law, far out of any range."""
     generator = np.random.default_rng(seed)
 
@@ -58,6 +59,8 @@ def inputs_for(dimension, seed=0):
         fluid_density=generator.uniform(1.0, 1500.0, ROWS),
         dynamic_viscosity=10.0 ** generator.uniform(-1, 0.5, ROWS),
     )
+    if wide:
+        inputs = inputs._replace(wide_solid_fraction=generator.uniform(0.0, 0.7, ROWS))
     inputs.fluid_velocity[:20] = inputs.particle_velocity[:20]
     inputs.void_fraction_gradient[10:30] = 0.0
     inputs.solid_fraction[[5, 25]] = 0.0
@@ -66,19 +69,21 @@ def inputs_for(dimension, seed=0):
     inputs.fluid_velocity[45:50] *= 1e4
     inputs.particle_velocity[50:60] *= 1e-12
     inputs.fluid_velocity[50:60] *= 1e-12
-    return DragInputs(*(np.asarray(value, np.float32) for value in inputs))
+    return jax.tree.map(lambda value: np.asarray(value, np.float32), inputs)
 
 
 def invariant_values(closure):
     """(rows, K) features of an invariant closure."""
 
+    names = (*ROW_NAMES, "wide_solid_fraction") if closure.sees_wide else ROW_NAMES
+
     @jax.jit
     def features(inputs):
         return jax.vmap(
-            lambda row: closure.prepare(row._replace(**{n: getattr(row, n)[None] for n in ROW_NAMES})).features[0]
+            lambda row: closure.prepare(row._replace(**{n: getattr(row, n)[None] for n in names})).features[0]
         )(inputs)
 
-    return np.asarray(features(inputs_for(3)))
+    return np.asarray(features(inputs_for(3, wide=closure.sees_wide)))
 
 
 def shaken(closure, seed):
@@ -117,6 +122,7 @@ LEARNED = {
         InvariantClosure.initial(DRAG_LAWS["ergun"](), (4,), "softplus", features=WITHOUT_PRESSURE), 2
     ),
     "bounded": lambda: shaken(InvariantClosure.initial(hidden=(4,), terms=TERMS[:1], bounded=True), 4),
+    "wide": lambda: shaken(InvariantClosure.initial(hidden=(4,), features=("log_solid_fraction", WIDE)), 5),
     "paper": lambda: shaken(PaperNetwork.initial(2), 3),
 }
 CLOSURES = LEARNED | DRAG_LAWS | {"activations": Activations}
@@ -130,17 +136,22 @@ def closures():
 @pytest.fixture(scope="module")
 def expected(closures):
     """What the closures themselves give in float32, (inputs, drag) by name; one compiled program for all."""
-    inputs = {name: inputs_for(dimension_of(closure)) for name, closure in closures.items()}
+    inputs = {name: inputs_for(dimension_of(one), wide=sees_wide(one)) for name, one in closures.items()}
 
     @jax.jit
     def evaluate(inputs):
-        return {name: jax.vmap(one_particle(closures[name]))(*inputs[name]) for name in closures}
+        return {name: jax.vmap(one_particle(closures[name]))(*given(inputs[name]).values()) for name in closures}
 
     drags = jax.tree.map(np.asarray, evaluate(inputs))
     for name, drag in drags.items():
         assert 0.02 < drag.out_of_range.mean() < 0.9, name
         assert all(np.isfinite(value).all() for value in drag), name
     return {name: (inputs[name], drag) for name, drag in drags.items()}
+
+
+def given(inputs):
+    """The inputs that there are, by name."""
+    return {name: value for name, value in inputs._asdict().items() if value is not None}
 
 
 def dimension_of(closure):
@@ -213,9 +224,10 @@ def rows_of(fields, dimension, values=None):
 def test_c_gives_the_same(library, closures, expected, name):
     inputs, drag = expected[name]
     dimension = dimension_of(closures[name])
-    given = rows_of(DragInputs._fields, dimension, inputs)
+    asked = given(inputs)
+    rows = rows_of(asked, dimension, asked.values())
     result = rows_of(ExportedDrag._fields, dimension)
-    pointers = (array.ctypes.data_as(ctypes.c_void_p) for array in (given, result))
+    pointers = (array.ctypes.data_as(ctypes.c_void_p) for array in (rows, result))
     getattr(library, f"run_{name}")(ROWS, *pointers)
     assert_equal_drag(ExportedDrag(*(result[field] for field in ExportedDrag._fields)), name, inputs, drag)
 
@@ -226,8 +238,8 @@ def test_onnx_gives_the_same(closures, expected, tmp_path, name):
     path = tmp_path / "closure.onnx"
     path.write_bytes(onnx_model(closures[name], dimension_of(closures[name]), name, "0"))
     session = onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
-    assert_equal_drag(ExportedDrag(*session.run(list(ExportedDrag._fields), inputs._asdict())), name, inputs, drag)
-    few = {field: value[:3] for field, value in inputs._asdict().items()}
+    assert_equal_drag(ExportedDrag(*session.run(list(ExportedDrag._fields), given(inputs))), name, inputs, drag)
+    few = {field: value[:3] for field, value in given(inputs).items()}
     assert session.run(["force"], few)[0].shape == (3, dimension_of(closures[name]))
 
 
@@ -240,13 +252,13 @@ def source_lines():
     jax.config.update("jax_traceback_in_locations_limit", before)
 
 
-@pytest.mark.parametrize("name", ("invariant", "paper"))
+@pytest.mark.parametrize("name", ("wide", "paper"))
 def test_stablehlo_gives_the_same(closures, expected, tmp_path, name, source_lines):
     inputs, drag = expected[name]
     artifact, text = export_closure(closures[name], {}, "stablehlo", tmp_path / "closure.bin", "0")
     assert (artifact, text) == (tmp_path / "closure.bin", tmp_path / "closure.mlir")
     exported = jax.export.deserialize(bytearray(artifact.read_bytes()))
-    result = jax.tree.map(np.asarray, exported.call(*(jnp.asarray(value) for value in inputs)))
+    result = jax.tree.map(np.asarray, exported.call(*map(jnp.asarray, given(inputs).values())))
     assert_equal_drag(ExportedDrag(*result), name, inputs, drag)
     assert "stablehlo.dot_general" in text.read_text()
     for written in (artifact, text):
@@ -256,10 +268,10 @@ def test_stablehlo_gives_the_same(closures, expected, tmp_path, name, source_lin
 def test_a_third_component_of_zero_changes_nothing(closures):
     """The invariant closure is exported for three components; a 2-D code leaves the third zero."""
     flat = inputs_for(2)
-    padded = [np.pad(value, ((0, 0), (0, 1))) if value.ndim == 2 else value for value in flat]
+    padded = jax.tree.map(lambda value: np.pad(value, ((0, 0), (0, 1))) if value.ndim == 2 else value, flat)
     two, three = (
         onnxruntime.InferenceSession(onnx_model(closures["invariant"], dimension, "", "0")).run(
-            ["force"], dict(zip(DragInputs._fields, values, strict=True))
+            ["force"], given(values)
         )[0]
         for dimension, values in ((2, flat), (3, padded))
     )
@@ -273,7 +285,7 @@ def test_an_ensemble_is_written_member_after_member(closures, tmp_path):
     ensemble = EnsembleClosure.of([closures["plain"]] * 2)
     export_closure(ensemble, {}, "onnx", path, "0")
     assert "2 of InvariantClosure" in onnx.load(path).doc_string
-    inputs = dict(zip(DragInputs._fields, inputs_for(3), strict=True))
+    inputs = given(inputs_for(3))
     two, one = (
         onnxruntime.InferenceSession(model).run(["force"], inputs)[0]
         for model in (path.read_bytes(), onnx_model(closures["plain"], 3, "", "0"))
@@ -292,7 +304,7 @@ def test_operations_that_no_format_knows_are_named():
         c_header(Strange(), 2, "strange", "", "0")
     with pytest.raises(NotImplementedError, match="erf"):
         onnx_model(Strange(), 2, "", "0")
-    assert [shape.shape for shape in input_shapes(2)][:3] == [(2,), (2,), ()]
+    assert [shape.shape for shape in input_shapes(Strange(), 2)][:3] == [(2,), (2,), ()]
 
 
 def test_what_cannot_be_written_is_refused(closures, tmp_path, monkeypatch):
@@ -311,7 +323,7 @@ def test_files_say_what_they_are(closures, tmp_path):
     path, header = tmp_path / "closure.onnx", tmp_path / "closure.h"
     export_closure(closures["paper"], {"recipe": "paper"}, "onnx", path, "0")
     model = onnx.load(path)
-    assert [value.name for value in model.graph.input] == list(DragInputs._fields)
+    assert [value.name for value in model.graph.input] == list(DragInputs._fields[:-1])
     assert [value.name for value in model.graph.output] == list(ExportedDrag._fields)
     assert "recipe: paper" in model.doc_string
     assert export_closure(closures["invariant"], {}, "c", header, "0") == (header,)

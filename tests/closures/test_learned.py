@@ -457,9 +457,12 @@ def test_pressure_features_are_bounded_and_vanish_without_a_gradient():
 
 def test_features_on_request_follow_the_others():
     """ln(s + 0.01); a file keeps it by its name, and the names have one order."""
-    inputs, names = make_inputs(), ("solid_fraction", "log_solid_fraction")
+    inputs, names = make_inputs(), ("solid_fraction", "log_solid_fraction", "log_wide_solid_fraction")
+    inputs = inputs._replace(wide_solid_fraction=0.7 * inputs.solid_fraction)
     seen = prepare(InvariantClosure.initial(features=names), inputs).features
-    np.testing.assert_allclose(seen[:, 1], np.log(np.asarray(inputs.solid_fraction) + 0.01), rtol=1e-12)
+    for column, share in ((1, 1.0), (2, 0.7)):
+        expected = np.log(share * np.asarray(inputs.solid_fraction) + 0.01)
+        np.testing.assert_allclose(seen[:, column], expected, rtol=1e-12)
     with pytest.raises(InputError, match="in this order"):
         InvariantClosure.initial(features=names[::-1])
 

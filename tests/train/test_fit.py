@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from jaxdem.closures import InvariantClosure, load_closure, save_closure
+from jaxdem.closures.invariant import WIDE
 from jaxdem.errors import InputError, RunError
 from jaxdem.train.dataset_file import SCALARS, VECTORS, read_dataset, write_dataset
 from jaxdem.train.fit import FitSettings, filtered_problem, fit_filtered, fit_paper
@@ -39,6 +40,22 @@ def test_dataset_round_trip(tmp_path):
     inputs = dataset.groups[2].drag_inputs()
     assert float(inputs.filter_size) == 0.08
     assert inputs.diameter.shape == (20,)
+
+
+def test_the_wide_solid_fraction_is_kept_and_asked_for_where_a_dataset_lacks_it(tmp_path):
+    """Files of the first versions have none: they are read, and refused by a fit that is to see it."""
+    plain = make_group(2, 20, 0, known_factor)
+    wide = dataclasses.replace(plain, wide_solid_fraction=0.5 * plain.solid_fraction)
+    old, new = (read_dataset(write(tmp_path / f"{n}.h5", "run", [one])) for n, one in enumerate((plain, wide)))
+    assert old.groups[2].select(np.arange(3)).drag_inputs().wide_solid_fraction is None
+    kept = new.groups[2].select(np.arange(3)).drag_inputs()
+    np.testing.assert_array_equal(kept.wide_solid_fraction, 0.5 * kept.solid_fraction)
+    settings = FitSettings.filtered(features=("log_solid_fraction", WIDE), epochs=1)
+    closure = filtered_problem([new], settings).closure
+    for own, wide in (np.exp(np.asarray(end, float)) - 0.01 for end in (closure.feature_low, closure.feature_high)):
+        assert wide == pytest.approx(0.5 * own, rel=0.03)  # quantiles of few rows are interpolated between logarithms
+    with pytest.raises(InputError, match="wide_solid_fraction.*again"):
+        filtered_problem([old], settings)
 
 
 def test_paper_recipe_learns_a_drag_law(tmp_path):
