@@ -15,7 +15,7 @@ import pytest
 from benchmarks import clusters, harness
 from benchmarks import clusters_measures as measures
 from benchmarks import clusters_runs as runs
-from benchmarks.clusters_closures import parted, scaled
+from benchmarks.clusters_closures import MATCHED_WITHIN, parted, scaled, stronger
 from benchmarks.clusters_seen import OF_GRAINS, thinned
 from jaxdem.closures import DragInputs, InvariantClosure, WenYu
 from jaxdem.train.dataset_file import VECTORS, Dataset, Group
@@ -151,6 +151,18 @@ def test_a_scaled_closure_has_the_logarithm_of_its_factor_scaled():
     base = float(closure.base(inputs).coefficient[0])
     once, twice = (math.log(float(scaled(closure, k)(inputs).coefficient[0]) / base) for k in (1.0, 2.0))
     assert once < 0 and twice == pytest.approx(2.0 * once, rel=1e-3)
+
+
+@pytest.mark.parametrize("slope", [-0.5, -1.0, -1.6])
+def test_forces_are_scaled_until_the_slip_of_a_coarse_run_is_that_of_the_fine_one(slope):
+    """The logarithm of the quotient of the slips falls on a line with that of the scale; a slip that is right stays."""
+    tried = [(0.0, 0.21)]
+    while abs(tried[-1][1]) >= MATCHED_WITHIN and len(tried) < 5:
+        log = stronger(tried)
+        tried.append((log, 0.21 + slope * log))
+    assert abs(tried[-1][1]) < MATCHED_WITHIN and len(tried) <= 3
+    assert stronger(tried) == tried[-1][0]
+    assert stronger([(0.0, 2.0)]) == 0.4  # one step is bounded
 
 
 def test_parcels_of_a_thinned_sample_share_out_the_grains():
