@@ -92,8 +92,9 @@ class Group:
     def drag_inputs(self) -> DragInputs:
         """What a drag closure is given: JAX arrays in the samples' dtype (float32 where x64 is off)."""
         dtype = jnp.asarray(self.fluid_velocity[:0]).dtype
-        given: dict[str, Any] = {name: getattr(self, name) for name in DragInputs._fields}
-        return DragInputs(**{name: None if own is None else jnp.asarray(own, dtype) for name, own in given.items()})
+        given = {name: getattr(self, name) for name in DragInputs._fields}
+        arrays: dict[str, Any] = {name: jnp.asarray(own, dtype) for name, own in given.items() if own is not None}
+        return DragInputs(**arrays)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
