@@ -10,7 +10,8 @@ from pathlib import Path
 
 # Most of a test is compiling: with XLA's older emitters it takes half as long, and what it gives is a fifth slower.
 # Two passes over loops and the division of a program for several compiling threads are a quarter of what is left.
-# Programs as users have them: XLA_FLAGS= make test; tests/physics/test_shipped_program.py compares the two.
+# Programs as users have them: XLA_FLAGS= make test; tests/physics/test_shipped_program.py, of the second tier, compares
+# the two.
 # jaxlib 0.11 has no older emitters, and ends a process that asks for them.
 if tuple(map(int, version("jaxlib").split(".")[:2])) < (0, 11):
     os.environ.setdefault(

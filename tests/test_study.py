@@ -15,6 +15,7 @@ from jaxdem.train.dataset import make_dataset
 from jaxdem.train.dataset_file import read_dataset
 from jaxdem.train.fit import FitSettings
 from tests.cases.small_scenes import SMALL_INJECTION
+from tests.cases.tiers import COMBINATION
 
 SCENE = SMALL_INJECTION | {"time": {"end": 0.2, "output_interval": 0.1}}
 
@@ -130,6 +131,7 @@ def test_a_dataset_sees_through_the_coarse_runs_own_kernel(study, tmp_path):
         make_dataset(done.out / "fine", out, (2,), overrides={"fluid.advection": "upwind"})
 
 
+@COMBINATION
 def test_a_dataset_of_model_b_is_of_model_a(tmp_path):
     """All of its fluid force is drag f_A / g: the law's part is f_A again, the target all force less what model A
     applies."""

@@ -17,6 +17,7 @@ from jaxdem.fluid.fluid_state import FluidState
 from jaxdem.fluid.grid import Grid, face_average, face_total, second_differences
 from jaxdem.particles.integrate import ParticleState
 from jaxdem.setup.deconvolution import deconvolution_limit
+from tests.cases.tiers import tiered
 
 CELLS, SIDE, DURATION, STRENGTH = 12, 0.24, 0.01, 0.2
 
@@ -120,7 +121,7 @@ def test_momentum_is_conserved(box):
     assert float(report.momentum) < 1e-10
 
 
-@pytest.mark.parametrize("varies", [False, True])
+@pytest.mark.parametrize("varies", tiered([False, True], first=[True]))
 def test_under_the_limit_nothing_grows_however_strong_the_drag(box, varies):
     """Drag a million times as strong: no wave grows; where the coefficient is even they do from 1 / (L T^2) on, 0.85
     here.

@@ -9,6 +9,7 @@ from jaxdem.coupling.interpolation import kernel_weights
 from jaxdem.failures import Failure
 from jaxdem.fluid import momentum
 from tests.cases.suspensions import CELLS, DEPTH, RADIUS, SIDE, STOKES_TIME, Suspension
+from tests.cases.tiers import COMBINATION
 
 
 @pytest.fixture(scope="module")
@@ -33,6 +34,7 @@ def test_total_momentum_is_conserved_in_model_b(suspension_b, relaxation):
         assert exchanged > 1e-3
 
 
+@COMBINATION
 def test_total_momentum_is_conserved_with_central_advection():
     """Its third stage, half-way through the step, takes the same from one control volume as it gives to the next."""
     central = Suspension(advection="central")
@@ -72,6 +74,7 @@ def test_total_momentum_is_conserved_with_a_remainder(suspension):
     assert code == 0 and error < 1e-10 and exchanged > 1e-3
 
 
+@COMBINATION
 def test_total_momentum_is_conserved_with_a_subgrid_viscosity(suspension):
     """The stress that the fluid loses to the solids is the one they get, the subgrid part too: most of it here."""
     parameters, state = suspension.given(smagorinsky=0.5), suspension.stirred(0.2)
