@@ -18,7 +18,7 @@ class NusseltLaw(Protocol):
 
         Args:
             reynolds: (N,) of the superficial slip, g |u - v| d / nu [-].
-            prandtl: () nu / (k / (rho c)) [-].
+            prandtl: () nu / (k / (rho c)); of two fluids (N,), of what is at the sphere [-].
             void_fraction: (N,) g at the sphere [-].
         """
         ...

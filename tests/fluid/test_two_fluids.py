@@ -97,7 +97,8 @@ def test_layers_that_shear_each_other_are_exact():
 
 
 def test_an_outlet_holds_its_level():
-    """Liquid and gas beside an outlet that holds their level stay at rest; a lower level lets liquid out."""
+    """Liquid and gas beside an outlet that holds their level stay at rest; a lower level lets liquid out, a
+    higher one lets it in."""
     box = TwoFluids((8, 8), (1.0, 1.0), ("free_slip", "outlet", "free_slip", "free_slip"))
     start = box.state(box.below(0.5))
     properties = box.properties(levels={1: 0.5})
@@ -107,9 +108,27 @@ def test_an_outlet_holds_its_level():
     assert largest(found.state.face_velocity) < 1e-11
     flowing = box.march(box.properties(levels={1: 0.25}), start, 10, 0.005).state
     balance = np.asarray(flowing.liquid_supplied)
+    rising = box.march(box.properties(2.0, levels={1: 0.75}), start, 10, 0.005)
+    assert bool(rising.converged) and float(rising.state.liquid_supplied[2]) > 1e-3
     assert balance[2] < -1e-3 and np.abs(np.delete(balance, [0, 2])).max() == 0.0
     volume = float(jnp.sum(flowing.liquid_fraction)) * box.grid.cell_volume
     assert volume == pytest.approx(balance.sum(), rel=1e-13)
+
+
+def test_liquid_between_two_outlets_falls_and_gas_follows():
+    """A layer over an open floor and under an open lid, with the second fluid at rest beyond both, falls with its
+    weight less that of the gas over the mass of both; liquid leaves below, and gas alone comes in above."""
+    box = TwoFluids((4, 8), (0.5, 1.0), ("periodic", "periodic", "outlet", "outlet"))
+    start, properties, steps, step = box.state(box.below(0.5)), box.properties(10.0), 20, 1e-3
+    found = box.march(properties, start, steps, step)
+    assert bool(found.converged)
+    height, speed, left = 0.5, 0.0, 0.0
+    for _ in range(steps):
+        height, left = height + step * speed, left - step * speed
+        mass = 1000.0 * height + 100.0 * (1.0 - height)
+        speed -= step * 9.81 * 900.0 * height / mass
+    np.testing.assert_allclose(found.state.face_velocity[1], speed, rtol=2e-3)
+    np.testing.assert_allclose(found.state.liquid_supplied[1:], [0.0, 0.0, -0.5 * left, 0.0], rtol=2e-3, atol=1e-14)
 
 
 def test_liquid_comes_in_below_the_level_of_an_inlet():

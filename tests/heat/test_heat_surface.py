@@ -54,6 +54,26 @@ def test_grains_take_the_heat_of_the_fluid_where_they_are(run):
     np.testing.assert_allclose(cooled, -np.expm1(-0.02 * rates), rtol=2e-3)
 
 
+def test_a_law_of_ones_own_is_asked_at_every_grain():
+    """With the Prandtl number of what is there: nu rho c / k, 6.95 in the water and 0.697 in the air."""
+    asked = []
+
+    def law(reynolds, prandtl, void_fraction):
+        asked.append((reynolds.shape, void_fraction.shape))
+        return prandtl
+
+    scene = load_scene(TANK)
+    simulation, parameters = jaxdem.build(scene, nusselt=law)
+    state, neighbors = jaxdem.initial_state(scene, simulation, parameters)
+    found = jax.jit(simulation.step)(parameters, state, neighbors)[0].scalars.grains
+    assert asked == [((2,), (2,))]
+    prandtl = np.array([1e-6 * 998.0 * 4180.0 / 0.6, 1.5e-5 * 1.2 * 1007.0 / 0.026])
+    capacity = 800.0 * 2500.0 * np.pi / 6.0 * 1e-9
+    rates = prandtl * np.array([0.6, 0.026]) * np.pi * 1e-3 / capacity
+    cooled = (400.0 - np.asarray(found)) / (400.0 - np.array([290.0, 320.0]))
+    np.testing.assert_allclose(cooled, -np.expm1(-0.002 * rates), rtol=2e-3)
+
+
 def test_heat_is_balanced_and_the_sides_are_told(run):
     """The top gives its flux; the bottom what conduction over half a cell brings at first, to 1 %."""
     heat = json.loads((run / "summary.json").read_text())["heat"]
