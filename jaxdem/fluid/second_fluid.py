@@ -94,11 +94,14 @@ def inflow_of_sides(grid: Grid, boundary: Boundary, second: SecondFluid) -> tupl
     )
 
 
-def outside_pressure(grid: Grid, second: SecondFluid, density: Array, gravity: Array, side: Side) -> Array:
+def outside_pressure(
+    grid: Grid, second: SecondFluid, density: Array, gravity: Array, side: Side, fraction: Array
+) -> Array:
     """Reduced pressure beyond every face of a side that sets it [Pa].
 
-    (rho_1 - rho_2) |g| max(z, L): that of the second fluid at rest, and of liquid at rest below the level L, in one
-    atmosphere of the second fluid for all sides.
+    (rho_1 - rho_2) |g| (z + max(L - z, 0) min(2 c, 1)): that of the second fluid at rest, and of liquid at rest below
+    the level L, in one atmosphere of the second fluid for all sides. c is the liquid fraction of the cell at the side:
+    liquid that stands higher outside than inside slumps there, and does not push gas with the weight of its depth.
 
     Args:
         grid: the grid.
@@ -106,6 +109,7 @@ def outside_pressure(grid: Grid, second: SecondFluid, density: Array, gravity: A
         density: of the liquid [kg/m3].
         gravity: (D,), its last entry counts [m/s2].
         side: of the box.
+        fraction: c on the cells [-].
     """
     last, dtype = grid.dimension - 1, density.dtype
     if side.axis == last:
@@ -114,19 +118,27 @@ def outside_pressure(grid: Grid, second: SecondFluid, density: Array, gravity: A
         middles = grid.spacing[last] * (np.arange(grid.whole_cells[last]) + 0.5)
         height = of_slab(grid, _upright(grid, middles), dtype)
     level = second.side_level[2 * side.axis + side.upper]
-    return (second.density - density) * gravity[last] * jnp.maximum(height, level)
+    beside = along(fraction, side.axis, *((-1, None) if side.upper else (0, 1)))
+    wet = jnp.clip(2.0 * beside, 0.0, 1.0)
+    return (second.density - density) * gravity[last] * (height + jnp.maximum(level - height, 0.0) * wet)
 
 
 def with_outside_pressure(
-    grid: Grid, boundary: Boundary, second: SecondFluid, density: Array, gravity: Array, slope: FaceField
+    grid: Grid,
+    boundary: Boundary,
+    second: SecondFluid,
+    density: Array,
+    gravity: Array,
+    slope: FaceField,
+    fraction: Array,
 ) -> FaceField:
-    """A pressure gradient on the faces that was taken with zero beyond the sides, with the pressure that is there
-    [Pa/m]."""
+    """A pressure gradient on the faces that was taken with zero beyond the sides, with the pressure that is there,
+    beside cells of a liquid fraction [Pa/m]."""
     result = list(slope)
     for side in boundary.sides:
         if not side.condition.sets_pressure:
             continue
-        there = outside_pressure(grid, second, density, gravity, side)
+        there = outside_pressure(grid, second, density, gravity, side, fraction)
         is_open = of_slab(grid, open_fraction(grid, side), density.dtype)
         more = is_open * there * ((2.0 if side.upper else -2.0) / grid.spacing[side.axis])
         place = (slice(None),) * side.axis + (slice(-1, None) if side.upper else slice(0, 1),)

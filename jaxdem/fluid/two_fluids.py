@@ -112,7 +112,7 @@ class TwoFluidSolver(FluidSolver):
         light = lightened(grid, second.heat, heat, fraction, contents[0][1])
         force = self._force(properties, faces, fraction, stress, light)
         gradient = self._mean_gradient(properties, state, time + 0.5 * time_step)
-        force = self._pushed(properties, faces, force, state.pressure, gradient)
+        force = self._pushed(properties, faces, force, state.pressure, gradient, fraction)
         predicted = tuple(
             (m * u + time_step * (c + f) + s) * k
             for m, u, c, f, s, k in zip(
@@ -141,7 +141,7 @@ class TwoFluidSolver(FluidSolver):
         fields = None if state.void_fraction is None else ParticleFields(state.void_fraction)
         faces = self._faces(properties, fraction, fields)
         force = self._force(properties, faces, fraction, tuple(jnp.zeros_like(u) for u in state.face_velocity))
-        force = self._pushed(properties, faces, force, jnp.zeros_like(fraction), state.mean_gradient)
+        force = self._pushed(properties, faces, force, 0.0 * fraction, state.mean_gradient, fraction)
         still = Sides(self.boundary, tuple(jnp.zeros_like(v) for v in properties.side_velocity), none)
         predicted = set_normal_velocity(grid, still, product(force, faces.mobility), faces.void_fraction)
         push = product(faces.weight, faces.mobility)
@@ -167,10 +167,10 @@ class TwoFluidSolver(FluidSolver):
         second = required(properties.second, "second of the fluid")
         gravity = required(properties.gravity, "gravity of the fluid")
         slope = super().slope_at_particles(properties, state)
-        slope = with_outside_pressure(self.grid, self.boundary, second, properties.density, gravity, slope)
+        fraction = required(state.liquid_fraction, "liquid_fraction of the fluid")
+        slope = with_outside_pressure(self.grid, self.boundary, second, properties.density, gravity, slope, fraction)
         if not self.has_tension:
             return slope
-        fraction = required(state.liquid_fraction, "liquid_fraction of the fluid")
         pull = surface_tension_gradient(self.grid, fraction, second.tension)
         pull = with_closed_sides(self.grid, self.boundary, pull)
         return tuple(s - t for s, t in zip(slope, pull, strict=True))
@@ -217,8 +217,8 @@ class TwoFluidSolver(FluidSolver):
             order, carrier = second.number_at(*times), second.heat.carrier(*fluxes)
             heat = carried_heat(self.grid, second.heat, state.heat, carrier, held, times[1], order)
         if state.dissolved is not None:
-            ends, order = ((old, old_gaps), (fraction, gaps)), second.number_at(*times)
-            dissolved = carried_dissolved(self.grid, second.dissolved, state.dissolved, fluxes, ends, times[1], order)
+            ends, given = ((old, old_gaps), (fraction, gaps)), (times[1], second.number_at(*times))
+            dissolved = carried_dissolved(self.grid, second.dissolved, state.dissolved, fluxes, ends, *given)
         return heat, dissolved
 
     def _mass(self, properties: FluidProperties, fraction: Array, void_fraction: Array | None) -> FaceField:
@@ -274,13 +274,19 @@ class TwoFluidSolver(FluidSolver):
         )
 
     def _pushed(
-        self, properties: FluidProperties, faces: _Faces, force: FaceField, pressure: Array, gradient: Array | None
+        self,
+        properties: FluidProperties,
+        faces: _Faces,
+        force: FaceField,
+        pressure: Array,
+        gradient: Array | None,
+        fraction: Array,
     ) -> FaceField:
         """A force less the gradient of a reduced pressure, on the faces [N/m3]."""
         second = required(properties.second, "second of the fluid")
         gravity = required(properties.gravity, "gravity of the fluid")
         slope = pressure_gradient(self.grid, self.boundary, pressure)
-        slope = with_outside_pressure(self.grid, self.boundary, second, properties.density, gravity, slope)
+        slope = with_outside_pressure(self.grid, self.boundary, second, properties.density, gravity, slope, fraction)
         if gradient is not None:
             slope = tuple(s + gradient[axis] for axis, s in enumerate(slope))
         return tuple(f - w * s for f, w, s in zip(force, faces.weight, slope, strict=True))
