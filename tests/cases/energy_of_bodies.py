@@ -54,6 +54,8 @@ FILM = {"cutoff": 2e-4, "roughness": 2e-6, "viscosity": 2e-3}
 
 MESH = {"kind": "mesh", "points": [[0.001, 0.002], [0.01, 0.0005], [0.019, 0.002]]}
 
+ABOVE_MESH = {"position": [[x, y + 1.3e-3] for x, y in BOX["particles"]["position"]]}
+
 VALLEY = {
     "kind": "mesh",
     "file": str(Path(__file__).parents[1] / "data" / "valley.obj"),
@@ -77,7 +79,7 @@ BODIES: dict[str, dict[str, Any]] = {
     "bonds that break": WEAK,
     "bonds in space, rolling": in_space(with_tables(WEAK, contact={"rolling_friction": 0.1})),
     "lubrication": with_tables(BOX, contact={"lubrication": FILM}),
-    "a mesh": with_tables(BOX, walls=[MESH]),
+    "a mesh": with_tables(BOX, particles=ABOVE_MESH, walls=[MESH]),
     "rods on a mesh": with_tables(RODS, walls=[MESH]),
     "bonds that hold, on planes that oscillate": with_tables(
         BEAM, walls=[tilted(motion=SHAKE), FLOOR | {"motion": SHAKE}]

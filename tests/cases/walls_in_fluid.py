@@ -233,12 +233,16 @@ def couette(n, decay=3.0, corners=None, started=None):
     fast={"cells": (16, 32), "slopes": ((1, 2),)},
 )
 def tilted_channels(cells=(16, 32, 64), slopes=((0, 1), (1, 3), (1, 2), (1, 1))):
-    """Order of the error and the flow, in channels that rise by 0 to 45 degrees."""
+    """Order of the error between the two finest meshes, and the flow, in channels that rise by 0 to 45 degrees.
+
+    The error depends on where the walls cut the cells: without slope, times the square of the number of cells, it is
+    0.9 with 16 of them, and 1.5 to 1.9 with 20 to 64.
+    """
     found: list[Figure] = []
     for slope in slopes:
         flows = [tilted_channel(n, slope) for n in cells]
         angle = f"{math.degrees(math.atan2(*slope)):.3g} degrees"
-        order = math.log2(flows[0].error / flows[-1].error) / math.log2(cells[-1] / cells[0])
+        order = math.log2(flows[-2].error / flows[-1].error) / math.log2(cells[-1] / cells[-2])
         across = 0.6 / math.hypot(*slope) * cells[-1]
         found.append(at_least(f"order, {angle}", 1.5, order))
         gate = 0.01 if across > 16.0 else 0.03
