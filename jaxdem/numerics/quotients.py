@@ -1,4 +1,4 @@
-"""Quotients of small numbers, whose slope has no square of the denominator in it.
+"""Quotients of small numbers, without squares that single precision does not hold.
 
 JAX differentiates a / b by b with b^-2. In single precision that is infinite for b below 1e-19, as forces of small
 grains in newtons and squares of springs in metres are, and infinite times zero is NaN in reverse mode.
@@ -20,3 +20,8 @@ def quotient(a: Array, b: Array) -> Array:
 def _slope(primals: tuple[Array, Array], tangents: tuple[Array, Array]) -> tuple[Array, Array]:
     found = quotient(*primals)
     return found, (tangents[0] - found * tangents[1]) / primals[1]
+
+
+def harmonic(a: Array, b: Array) -> Array:
+    """1/(1/a + 1/b), elementwise; a b / (a + b) would be 0 for moments of inertia of grains below 20 um."""
+    return a * quotient(b, a + b)

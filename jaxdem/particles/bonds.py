@@ -9,6 +9,7 @@ from jax import Array
 
 from jaxdem.errors import required
 from jaxdem.numerics import vectors
+from jaxdem.numerics.quotients import harmonic
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.bond_geometry import (
     BondGeometry,
@@ -150,10 +151,10 @@ def _damping(
         tuple(of_grains(quantity, index) for index in (pairs.first, pairs.second))
         for quantity in (properties.mass, properties.inertia)
     )
-    mass, inertia = (a * b / (a + b) for a, b in (masses, inertias))
+    mass, inertia = harmonic(*masses), harmonic(*inertias)
     normal, shear, bending, twisting = geometry.stiffness
     dashpots = [2.0 * ratio * jnp.sqrt(mass * k) for k in (normal, shear)]
-    dashpots += [2.0 * ratio * jnp.sqrt(inertia * k) for k in (bending, twisting)]
+    dashpots += [2.0 * ratio * jnp.sqrt(inertia) * jnp.sqrt(k) for k in (bending, twisting)]
     one, other = (spin_in_space(at(motion.angular_velocity, index)) for index in (pairs.first, pairs.second))
     length = geometry.arms[0] + geometry.arms[1]
     to_first, to_second = (vectors.scale(arm / length, geometry.separation) for arm in geometry.arms)

@@ -10,6 +10,7 @@ from jax import Array
 
 from jaxdem.errors import required
 from jaxdem.numerics import vectors
+from jaxdem.numerics.quotients import harmonic
 from jaxdem.numerics.stages import stage
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles import liquid
@@ -55,9 +56,9 @@ def pair_sizes(properties: ParticleProperties, pairs: Pairs) -> PairSizes:
     return PairSizes(
         one,
         other,
-        _harmonic(one, other),
-        _harmonic(_of(mass, pairs.first), _of(mass, pairs.second)),
-        1.4 * _harmonic(_of(inertia, pairs.first), _of(inertia, pairs.second)),
+        harmonic(one, other),
+        harmonic(_of(mass, pairs.first), _of(mass, pairs.second)),
+        1.4 * harmonic(_of(inertia, pairs.first), _of(inertia, pairs.second)),
     )
 
 
@@ -190,8 +191,3 @@ def pair_geometry(neighbors: Neighbors, change: Vector, radius_sum: Array) -> tu
 def _of(quantity: Array, index: Array) -> Array:
     """() unchanged, of (N,) the rows of these indices."""
     return quantity if quantity.ndim == 0 else at((quantity,), index)[0]
-
-
-def _harmonic(a: Array, b: Array) -> Array:
-    """1/(1/a + 1/b)."""
-    return a * b / (a + b)

@@ -145,6 +145,7 @@ class ElasticPlasticSpringDashpot:
         yields = size > limit
         kept = vectors.scale(jnp.where(yields, quotient(limit, jnp.where(yields, size, 1.0)), 1.0), trial)
         positive = stiffness > 0
-        critical = 2.0 * jnp.sqrt(jnp.where(positive, stiffness * contact.rolling_inertia, 1.0))
+        # The product of both underflows in single precision for grains of a few micrometres.
+        critical = 2.0 * jnp.sqrt(jnp.where(positive, stiffness, 1.0)) * jnp.sqrt(contact.rolling_inertia)
         damping = jnp.where(positive & ~yields, material.rolling_damping * critical, 0.0)
         return vectors.add_scaled(kept, -damping, rolling), kept

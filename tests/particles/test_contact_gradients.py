@@ -13,7 +13,8 @@ import pytest
 from jaxdem.particles.contact import Contact, ContactForce, ContactMaterial, HertzMindlin, LinearSpringDashpot
 from jaxdem.particles.integrate import Motion, ParticleProperties, kick
 from jaxdem.particles.materials import surroundings
-from jaxdem.particles.rolling import ConstantDirectionalTorque, Rotation
+from jaxdem.particles.pair_forces import pair_sizes
+from jaxdem.particles.rolling import ConstantDirectionalTorque, ElasticPlasticSpringDashpot, Rotation
 from jaxdem.particles.tangent import turned_into_plane
 from tests.cases.tiers import COMBINATION
 from tests.cases.worlds import advance, constants, forces, world
@@ -171,6 +172,24 @@ def test_slope_of_a_kick_by_the_density_of_fine_powder():
     (density,) = in_single(2500.0)
     change = float(spin(density) - spin(jnp.inf * density))
     np.testing.assert_allclose(jax.grad(spin)(density)[0], -change / 2500.0, rtol=1e-5)
+
+
+def test_rolling_dashpots_of_fine_powder_in_single_precision():
+    """-2 eta_r sqrt(I k_r) w of two grains of 1 um, with I = 7/10 m r^2 of both and k_r = 9/4 mu_r^2 R*^2 F_e / d."""
+    radius, density, overlap, spin = 5e-7, 2500.0, 1e-9, 100.0
+    bodies = ParticleProperties(radius=in_single(radius)[0], density=in_single(density)[0])
+    first = jnp.zeros(1, jnp.int32)
+    sizes = pair_sizes(bodies, types.SimpleNamespace(first=first, second=first))
+    zero, one, elastic, depth = in_single(0.0, 1.0, 1e-7, overlap)
+    given = Contact(depth, zero, (zero,), (zero,), sizes.effective_radius, sizes.effective_mass, sizes.rolling_inertia)
+    material = types.SimpleNamespace(rolling_friction=0.1 * one, rolling_damping=0.3 * one)
+    rotation = Rotation((zero, one), in_single(spin), (zero,))
+    torque, _ = ElasticPlasticSpringDashpot()(
+        given, ContactForce(elastic, elastic, (zero,), (zero,)), material, rotation, 0.0
+    )
+    inertia = 0.7 * 4 / 3 * np.pi * density * radius**5
+    stiffness = 2.25 * (0.1 * 0.5 * radius) ** 2 * 1e-7 / overlap
+    assert float(torque[0][0]) == pytest.approx(-2 * 0.3 * np.sqrt(inertia * stiffness) * spin, rel=1e-5)
 
 
 @pytest.mark.parametrize(
