@@ -36,7 +36,7 @@ def make_inputs(slip, solid_fraction, diameter=DIAMETER, density=DENSITY, viscos
         fluid_density=np.asarray(density),
         dynamic_viscosity=np.asarray(viscosity),
     )
-    return DragInputs(*(jnp.asarray(leaf) for leaf in inputs))
+    return jax.tree.map(jnp.asarray, inputs)
 
 
 @partial(jax.jit, static_argnums=0)
@@ -159,8 +159,8 @@ def test_finite_values_and_gradients_at_the_edges(name, dtype):
     gradient, drag = jax.jit(jax.grad(total, has_aux=True))(inputs)
     assert drag.coefficient.dtype == dtype
     assert np.isfinite(drag.coefficient).all() and (drag.coefficient >= 0).all()
-    for field, leaf in zip(gradient._fields, gradient, strict=True):
-        assert np.isfinite(leaf).all(), field
+    for path, leaf in jax.tree_util.tree_flatten_with_path(gradient)[0]:
+        assert np.isfinite(leaf).all(), path
 
 
 @pytest.mark.parametrize("name", DRAG_LAWS)
