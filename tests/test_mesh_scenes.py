@@ -3,6 +3,7 @@ fewer grains against the balance of momentum."""
 
 from __future__ import annotations
 
+import os
 from functools import cache
 from pathlib import Path
 
@@ -10,10 +11,12 @@ import h5py
 import jax
 import numpy as np
 import pytest
+import trimesh
 
 import jaxdem
 from jaxdem.io.vtkhdf import ROOT
 from jaxdem.io.wall_file import WALLS
+from jaxdem.setup import mesh_sources, wall_motion
 from jaxdem.setup.builder import build_case
 from tests.cases.moving_walls import path
 from tests.cases.tiers import COMBINATION, tiered
@@ -181,3 +184,27 @@ def test_a_mesh_that_a_force_moves_is_where_the_force_has_moved_it(short_run):
         own = np.unique(cells[wall == number])
         np.testing.assert_allclose(places[:, own], first[own] + moved[:, None], atol=1e-7)
     assert run.history["wall_3_displacement"][-1] > 1e-3
+
+
+def test_a_file_is_read_once_until_it_changes(tmp_path, monkeypatch):
+    """The speed of a wall that turns asks for its mesh several times in a build."""
+    file = tmp_path / "body.stl"
+    trimesh.creation.box((0.1, 0.1, 0.1)).export(file)
+    turn = {"kind": "rotation", "rate": 3.0, "axis": [0.0, 0.0, 1.0], "center": [0.5, 0.5, 0.5]}
+    turning = {"kind": "mesh", "file": str(file), "translate": [0.5, 0.5, 0.5], "motion": [turn]}
+    scene = jaxdem.load_scene(
+        {
+            "domain": {"size": [1.0, 1.0, 1.0]},
+            "particles": {"radius": 0.01, "density": 2500.0, "position": [[0.8, 0.8, 0.8]]},
+            "walls": [turning],
+            "time": {"end": 0.01, "output_interval": 0.01},
+        }
+    )
+    reads, plain = [], mesh_sources.triangles_of
+    monkeypatch.setattr(mesh_sources, "triangles_of", lambda name: (reads.append(name), plain(name))[1])
+    speed = wall_motion.fastest_wall(scene)
+    assert mesh_sources.sound_mesh("walls.0", scene.walls[0], scene, 0.01)[0].extent == pytest.approx(0.1)
+    assert wall_motion.fastest_wall(scene) == speed and len(reads) == 1
+    trimesh.creation.box((0.2, 0.2, 0.1)).export(file)
+    os.utime(file, ns=(1, 1))
+    assert wall_motion.fastest_wall(scene) > 1.5 * speed and len(reads) == 2

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from pathlib import Path
 
 import numpy as np
@@ -67,15 +68,27 @@ def _from_file(key: str, file: str, wall: Wall, dimension: int) -> SurfaceMesh:
     if wall.spacing is not None and kind not in HEIGHTS:
         raise InputError(f"{key}.spacing", wall.spacing, "is for maps of heights", "remove this key")
     try:
-        if kind in MESHES:
-            return triangles_of(file)
-        return drawing(file) if kind in DRAWINGS else surface_of_heights(file, wall.spacing)
+        stamp = Path(file).stat()
+        return _read(file, kind, wall.spacing, (stamp.st_mtime_ns, stamp.st_size))
     except OSError as error:
         limit = f"cannot be read ({error.strerror or error})"
         raise InputError(f"{key}.file", file, limit, "correct the name; it is relative to the scene") from None
     except ValueError as error:
         remedy = "give a sound file, or correct the keys of this wall"
         raise InputError(f"{key}.file", file, str(error), remedy) from None
+
+
+@functools.lru_cache(maxsize=4)
+def _read(file: str, kind: str, spacing: tuple[float, ...] | None, _: tuple[int, int]) -> SurfaceMesh:
+    """The mesh of a file, once in a build, where several parts ask for it; the last argument is the file's time and
+    size, so that one that has changed is read anew."""
+    if kind in MESHES:
+        mesh = triangles_of(file)
+    else:
+        mesh = drawing(file) if kind in DRAWINGS else surface_of_heights(file, spacing)
+    for array in (mesh.points, mesh.cells):
+        array.flags.writeable = False
+    return mesh
 
 
 def _checked(key: str, wall: Wall, mesh: SurfaceMesh) -> tuple[SurfaceMesh, Defects]:
