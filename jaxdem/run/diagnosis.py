@@ -12,7 +12,7 @@ from jaxdem.particle_step import buried_particles
 from jaxdem.particles.integrate import ParticleState
 from jaxdem.particles.walls_present import late_walls
 from jaxdem.simulation import Simulation
-from jaxdem.state import Parameters, State
+from jaxdem.state import Diagnostics, Parameters, State
 
 SIDES = ("left", "right", "front", "back", "bottom", "top")
 """Sides in 3-D, axis by axis, lower before upper; in 2-D without the middle pair."""
@@ -31,7 +31,7 @@ REMEDY_OF_A_PRESS = (
 
 
 def diagnosis(
-    simulation: Simulation, parameters: Parameters, code: int, before: State, reached: State
+    simulation: Simulation, parameters: Parameters, code: int, before: State, reached: State, told: Diagnostics
 ) -> tuple[str, str, str]:
     """Reason, place and remedy of a failed interval.
 
@@ -40,12 +40,13 @@ def diagnosis(
         code: flags of the interval, see `jaxdem.failures`.
         before: state at its start.
         reached: state at its end.
+        told: its figures.
     """
     flag = first_flag(code)
     reason, remedy = MEANING[flag]
     particles = reached.particles
     if flag == Failure.PISTON_GONE:
-        return reason, _pistons(simulation, before), remedy
+        return reason, _pistons(simulation, before, told), remedy
     if before.particles is None or particles is None or flag not in OF_ONE_PARTICLE:
         return reason, _cell(simulation, flag, reached), remedy
     if flag == Failure.WALL_COMES:
@@ -68,11 +69,13 @@ def diagnosis(
     return reason, where, remedy
 
 
-def _pistons(simulation: Simulation, before: State) -> str:
-    """Where the walls are that a force holds and that the fluid sees."""
+def _pistons(simulation: Simulation, before: State, told: Diagnostics) -> str:
+    """Which of the walls that a force holds has no fluid beside it, and where it is."""
+    response = required(required(told.fluid, "fluid").response, "response of the fluid")
     seen = required(simulation.walls_in_fluid, "walls in the fluid").pistons
     ways = np.asarray(required(required(before.particles, "particles").pistons, "pistons").displacement)
-    return ", ".join(f"walls.{one.wall}, {ways[one.number]:.4g} m from where the scene has it" for one in seen)
+    gone = [one for one in seen if not bool(one.touches(response))]
+    return ", ".join(f"walls.{one.wall}, {ways[one.number]:.4g} m from where the scene has it" for one in gone)
 
 
 def _buried(simulation: Simulation, parameters: Parameters, before: State) -> tuple[int, str]:

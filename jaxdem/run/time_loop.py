@@ -31,7 +31,7 @@ from jaxdem.run.writer import RunWriter
 from jaxdem.setup.builder import Case
 from jaxdem.setup.time_steps import exact_time
 from jaxdem.simulation import Simulation
-from jaxdem.state import Parameters, State
+from jaxdem.state import Diagnostics, Parameters, State
 
 Progress = Callable[[float, float], None]
 """Called with the simulated time and the end [s]."""
@@ -270,14 +270,14 @@ class TimeLoop:
         elif code & Failure.OVERFLOW and not code & ~OF_PARTICLES and self.neighbors is not None:
             self._enlarge(self.neighbors, required(chunk.neighbors, "neighbors"))
         else:
-            self._raise(code, chunk.state)
+            self._raise(code, chunk.state, chunk.diagnostics)
 
-    def _raise(self, code: int, reached: State) -> NoReturn:
+    def _raise(self, code: int, reached: State, told: Diagnostics) -> NoReturn:
         """The error of the interval from the present state to `reached`."""
         self._failed = True
         instants = (Instant(self.time, state, self.neighbors, None) for state in (self.state, reached))
         before, after = (self.writer.placement.whole(instant).state for instant in instants)
-        reason, where, remedy = diagnosis(self.simulation, self.parameters, code, before, after)
+        reason, where, remedy = diagnosis(self.simulation, self.parameters, code, before, after, told)
         raise RunError(reason, where, self.time, remedy)
 
     def _enlarge(self, neighbors: Neighbors, failed: Neighbors) -> None:
