@@ -49,13 +49,46 @@ def test_the_added_mass_does_not_depend_on_the_number_of_fluid_steps():
 
 @pytest.mark.parametrize("force", tiered([-20.0, 20.0], first=[20.0]))
 def test_a_piston_that_leaves_the_fluid_stops_the_run(force, tmp_path):
-    """Drawn out of the box through the left side, and pushed through it until no cell is open."""
+    """Drawn out of the box through the left side, and pushed through it until no cell is open. Beside the one that
+    is drawn out there is a second one, at rest above the water, which is not named."""
     given = before_column(10.0)
+    lid = {"kind": "plane", "point": [0.0, 0.19], "normal": [0.0, -1.0], "fluid": "free_slip"}
+    lid["piston"] = {"direction": [1.0, 0.0], "force": 0.0, "mass": 1.0}
+    given["walls"] += [lid] if force < 0.0 else []
     given["walls"][0]["piston"]["force"] = force
     given["boundary"]["right"] = {"kind": "outlet", "particles": "remove"}
     with pytest.raises(RunError, match="no fluid beside it") as caught:
         simulate(load_scene(given), tmp_path / "run")
     assert "walls.0" in caught.value.where and caught.value.time < 1.0
+    assert "walls.1" not in caught.value.where
+
+
+def test_light_pistons_that_share_their_fluid_do_not_swing():
+    """Three before one column: with the diagonal of the added mass alone they would, the common mode by -2 M_ij/M_ii an
+    interval. They come to the acceleration of (m + M) a = F."""
+    count, own, shared, mass, force = 3, 1.0, 0.9, 0.1, jnp.asarray([1.0, -0.5, 0.2])
+    matrix = jnp.full((count, count), shared) + (own - shared) * jnp.eye(count)
+    pistons = tuple(PistonInFluid(k, k, (k,), (1.0, 0.0)) for k in range(count))
+    step = jnp.asarray(STEP)
+
+    def along(values):
+        return jnp.stack((values, jnp.zeros_like(values)), -1)
+
+    response = SurfaceResponse(along(-matrix / step), jnp.zeros((count, 2)), jnp.ones((count, 2)))
+    numbers = tuple(PistonNumbers(f, jnp.asarray(mass), jnp.zeros(())) for f in force)
+
+    def interval(state, _):
+        before = state.velocity if state.seen_velocity is None else state.seen_velocity
+        load = -matrix @ ((state.velocity - before) / step)
+        fluid = FluidOnWalls(along(load), response, jnp.asarray(DENSITY))
+        under, state = under_load(pistons, numbers, state, fluid, jnp.zeros(2), step)
+        rate = jnp.stack([one.force / one.mass for one in under])
+        return state._replace(velocity=state.velocity + rate * step), rate
+
+    start = PistonState(jnp.zeros(count), None, jnp.zeros(count), jnp.zeros(count))
+    rates = jax.lax.scan(interval, start, None, 300)[1]
+    np.testing.assert_allclose(rates[-1], np.linalg.solve(mass * np.eye(count) + matrix, force), rtol=1e-6)
+    assert float(jnp.abs(rates).max()) < 10.0
 
 
 def test_a_smooth_lid_that_moves_along_itself_has_fluid_beside_it():

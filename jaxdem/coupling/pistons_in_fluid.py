@@ -9,6 +9,10 @@ were all. So M' is on both sides:
 
     (m + M') dv/dt = F + m g.e + L + M' a - c v + f.e - rho V g.e
 
+Z counts the changes of the load by all pistons, each as an amount. The loads are M a with a matrix M that is symmetric;
+the diagonal matrix of the sums of its rows is not less than M, which the diagonal of M alone may be where pistons share
+their fluid: three of them would swing ever wider.
+
 Where M' is the added mass this is exact for a motion with constant acceleration, and stable whatever m is: an error of
 a is times (M' - M)/(m + M') in the next interval, M the true added mass, which is less than M'. V is the volume of
 fluid that a body displaces, as L is of the reduced pressure. Derived here; for explicit coupling and added mass see P.
@@ -108,14 +112,14 @@ def under_load(
         duration: () t, of the interval [s].
     """
     found, before = list(numbers), state.velocity if state.seen_velocity is None else state.seen_velocity
-    for row, piston in enumerate(pistons):
+    for piston in pistons:
         k, along = piston.number, jnp.asarray(piston.direction, gravity.dtype)
         own, weight = numbers[k], jnp.dot(along, gravity)
         rows = jnp.asarray(piston.surfaces)
         load = jnp.dot(along, jnp.sum(fluid.load[rows], axis=0)) - piston.displaced * fluid.density * weight
-        pressure, friction = (part[rows] for part in (fluid.response.pressure[row], fluid.response.friction))
-        response = -jnp.dot(along, jnp.sum(pressure, axis=0)) - jnp.dot(along**2, jnp.sum(friction, axis=0))
-        added = jnp.maximum(response, 0.0) * duration
+        friction = -jnp.dot(along**2, jnp.sum(fluid.response.friction[rows], axis=0))
+        by_each = jnp.sum(fluid.response.pressure[:, rows], axis=1) @ along
+        added = (friction + jnp.sum(jnp.abs(by_each))) * duration
         held = (state.velocity[k] - before[k]) / duration - weight
         found[k] = own._replace(force=own.force + load + added * held, mass=own.mass + added)
     return tuple(found), state._replace(seen_velocity=state.velocity)
