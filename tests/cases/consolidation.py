@@ -62,17 +62,31 @@ class Reading(NamedTuple):
     displacement: float
 
 
+class Pack(NamedTuple):
+    """The pack of a column.
+
+    Attributes:
+        columns: mean diameters across.
+        layers: mean diameters from floor to piston at the start.
+        solid_fraction: of the section, as it is grown [-].
+        friction: between the grains [-].
+        seed: of their places.
+    """
+
+    columns: int
+    layers: int
+    solid_fraction: float = 0.8
+    friction: float = 0.4
+    seed: int = 1
+
+
 class Column:
     """Discs between a floor, which water may come through, and a plane that a force holds and the water does not see;
     periodic across, without gravity."""
 
-    def __init__(self, columns: int, layers: int):
-        """Builds and compiles it.
-
-        Args:
-            columns: mean diameters across.
-            layers: mean diameters from floor to piston at the start.
-        """
+    def __init__(self, pack: Pack):
+        """Builds and compiles it."""
+        columns, layers = pack.columns, pack.layers
         width, self.top = columns * DIAMETER, layers * DIAMETER
         self.area = width * DIAMETER
         above = 4
@@ -85,17 +99,19 @@ class Column:
 
         self.march = March(
             dict(
-                seed=1,
+                seed=pack.seed,
                 precision="float64",
                 domain=dict(size=[width, self.top + above * DIAMETER], depth=DIAMETER, gravity=[0.0, 0.0]),
                 particles=dict(
                     density=DENSITY,
                     distribution=dict(kind="table", by="number", radii=radii, cumulative=[0.0, 1.0]),
-                    pack=dict(kind="grown", solid_fraction=0.8, start=[0.0, 0.0], stop=[width, self.top]),
+                    pack=dict(
+                        kind="grown", solid_fraction=pack.solid_fraction, start=[0.0, 0.0], stop=[width, self.top]
+                    ),
                 ),
                 contact=dict(
-                    law="linear_spring_dashpot", normal_stiffness=STIFFNESS, restitution=0.3, friction=0.4, speed=0.2,
-                    skin=0.3, time_step=INTERVAL / 17,
+                    law="linear_spring_dashpot", normal_stiffness=STIFFNESS, restitution=0.3, friction=pack.friction,
+                    speed=0.2, skin=0.3, time_step=INTERVAL / 17,
                 ),
                 fluid=dict(
                     cells=[columns, layers + above], density=1000.0, viscosity=VISCOSITY, time_step=INTERVAL
@@ -187,12 +203,12 @@ class Found(NamedTuple):
         return -4.0 * self.height**2 * float(slope) / np.pi**2
 
 
-def measured(columns: int, layers: int) -> Found:
+def measured(pack: Pack) -> Found:
     """A pack that was loaded by half more before, so that a step of the load slides few contacts: its stiffness,
     permeability and consolidation, each from the same state.
     """
-    column = Column(columns, layers)
-    guess = (layers * DIAMETER) ** 2 / GUESS
+    column = Column(pack)
+    guess = (pack.layers * DIAMETER) ** 2 / GUESS
     column.hold(1.5 * STRESS, guess)
     before = column.hold(STRESS, REST * guess)
     column.keep()
@@ -225,6 +241,16 @@ def measured(columns: int, layers: int) -> Found:
     )
 
 
+def errors(found: Found) -> tuple[float, float]:
+    """Largest errors of the pressure at the base, over the step, and of the settlement, over that of the end."""
+    scale = found.coefficient / found.height**2
+    middle = 0.5 * (found.time[1:] + found.time[:-1])
+    late = found.time[:-1] > found.ringing
+    pressure = found.pressure - pressure_at_base(middle * scale)
+    settled = found.settled - settlement(found.time[1:] * scale)
+    return float(np.abs(pressure[late]).max()), float(np.abs(settled[late]).max())
+
+
 @case(
     "consolidation under a piston",
     "moving walls",
@@ -239,14 +265,10 @@ def consolidation(columns: int = 8, layers: int = 32) -> list[Figure]:
     gates are 10 % of the whole [kernels smooth the solid fraction at the piston; contacts slide as the load grows, so
     that the pack is softer at the end of the step than on average].
     """
-    found = measured(columns, layers)
-    scale = found.coefficient / found.height**2
-    middle = 0.5 * (found.time[1:] + found.time[:-1])
-    late = found.time[:-1] > found.ringing
-    pressure = found.pressure - pressure_at_base(middle * scale)
-    settled = found.settled - settlement(found.time[1:] * scale)
+    found = measured(Pack(columns, layers))
+    pressure, settled = errors(found)
     return [
         relative("c_v by the decay of the pressure", found.coefficient, found.measured, 0.1, "m2/s"),
-        below("pressure at the base, largest error over the step", np.abs(pressure[late]).max(), 0.1),
-        below("settlement, largest error over that of the end", np.abs(settled[late]).max(), 0.1),
+        below("pressure at the base, largest error over the step", pressure, 0.1),
+        below("settlement, largest error over that of the end", settled, 0.1),
     ]
