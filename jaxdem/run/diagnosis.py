@@ -31,7 +31,12 @@ REMEDY_OF_A_PRESS = (
 
 
 def diagnosis(
-    simulation: Simulation, parameters: Parameters, code: int, before: State, reached: State, told: Diagnostics
+    simulation: Simulation,
+    parameters: Parameters,
+    code: int,
+    before: State,
+    reached: State,
+    told: Diagnostics | None = None,
 ) -> tuple[str, str, str]:
     """Reason, place and remedy of a failed interval.
 
@@ -40,7 +45,7 @@ def diagnosis(
         code: flags of the interval, see `jaxdem.failures`.
         before: state at its start.
         reached: state at its end.
-        told: its figures.
+        told: its figures, for a piston that has no fluid beside it.
     """
     flag = first_flag(code)
     reason, remedy = MEANING[flag]
@@ -69,9 +74,9 @@ def diagnosis(
     return reason, where, remedy
 
 
-def _pistons(simulation: Simulation, before: State, told: Diagnostics) -> str:
+def _pistons(simulation: Simulation, before: State, told: Diagnostics | None) -> str:
     """Which of the walls that a force holds has no fluid beside it, and where it is."""
-    response = required(required(told.fluid, "fluid").response, "response of the fluid")
+    response = required(required(required(told, "figures").fluid, "fluid").response, "response of the fluid")
     seen = required(simulation.walls_in_fluid, "walls in the fluid").pistons
     ways = np.asarray(required(required(before.particles, "particles").pistons, "pistons").displacement)
     gone = [one for one in seen if not bool(one.touches(response))]
