@@ -271,7 +271,7 @@ def sweep(
     settings: options.Settings = None,
     closure: options.ClosureFile = None,
     subgrid: options.SubgridFile = None,
-    quiet: options.Quiet = False,
+    quiet: options.QuietRun = False,
 ) -> None:
     """Run a scene with all combinations of the values of some keys. The same command continues a stopped sweep."""
     from jaxdem.io.outputs import refuse_run_folder, refuse_what_is_read

@@ -132,7 +132,8 @@ Vary = Annotated[
 ]
 
 # How a command works.
-Quiet = Annotated[
+Quiet = Annotated[bool, Option("--quiet", help="Show no progress, neither a bar nor lines in a log.")]
+QuietRun = Annotated[
     bool, Option("--quiet", help="Show no progress, neither a bar nor lines in a log, and no warnings of units.")
 ]
 Resume = Annotated[bool, Option("--resume", help="Continue from the checkpoint in --out.")]

@@ -46,7 +46,7 @@ def run(
     devices: options.DeviceCount = None,
     processes: options.ProcessCount = None,
     profile: options.Profile = False,
-    quiet: options.Quiet = False,
+    quiet: options.QuietRun = False,
 ) -> None:
     """Run a scene and write a run directory.
 
