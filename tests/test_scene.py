@@ -495,6 +495,13 @@ def test_what_is_no_scene_is_refused(tmp_path):
             simulate(load_scene(VALID), out, **options)
 
 
+def test_a_start_from_a_damaged_run_names_the_key(tmp_path):
+    (tmp_path / "scene.toml").write_text(load_scene(VALID).to_toml())
+    (tmp_path / "checkpoint.h5").write_bytes(b"no HDF5")
+    with pytest.raises(InputError, match=r"(?s)^start\.from = .*its checkpoint\.h5: "):
+        build(load_scene(VALID | {"start": {"from": str(tmp_path)}}))
+
+
 def test_arguments_of_another_kind_are_refused_by_a_rollout():
     scene = load_scene(VALID)
     simulation, parameters = build(scene)

@@ -194,7 +194,10 @@ def read_start(scene: Scene) -> StartPoint | None:
     if not path.is_file():
         limit = f"has no {CHECKPOINT}, which a run writes when it begins"
         raise InputError("start.from", start.from_, limit, "give the folder of a run that has been started")
-    point = stored_start(path, start.from_)
+    try:
+        point = stored_start(path, start.from_)
+    except InputError as error:
+        raise InputError("start.from", start.from_, f"its {error.key}: {error.limit}", error.remedy) from error
     if start.time is None:
         return point
     if point.pistons:
