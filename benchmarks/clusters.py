@@ -98,6 +98,8 @@ SEEN_ON = (
     Seen(with_long_step(Case(0.3, times=13, samples=1)), draws=4, dropped=5),
 )
 """Fine runs that the closures of `SEEN_FITS` are trained on: their solid fractions lie round those of `FRACTIONS`."""
+SMALLER = (0.02, 0.05)
+"""Solid fractions of the runs with parcels of 2."""
 MATCHED_AT = (0.01, 0.05)
 """Solid fractions at which coarse runs are to have the slip of fine ones; the others' are known to 11 % at best."""
 
@@ -126,7 +128,7 @@ def plan() -> dict[str, list[Case]]:
         "loss": [lossy(coarse(s, 24.0, model, 4)) for model in LOSSY for s in FRACTIONS],
         "seen": [coarse(s, 24.0, model, 4, seed) for model in SEEN_FITS for s in FRACTIONS for seed in SEEDS],
         "matched": [coarse(s, 24.0, MATCHED, 4, seed) for s in FRACTIONS for seed in SEEDS],
-        "smaller": [coarse(0.05, 24.0, model, 2) for model in ("", MATCHED)],
+        "smaller": [coarse(s, 24.0, model, 2) for model in ("", "wide") for s in SMALLER],
         "tuned": [with_tuned(coarse(s, cell, parcel=parcel)) for cell, parcel in TUNED for s in FRACTIONS],
     }
 
@@ -194,7 +196,7 @@ def main() -> None:
     for name in [part for part in arguments.groups.split(",") if part] or groups:
         if name in ("models", "seeds", "own", "loss", "tuned") and time.monotonic() < until:
             train(TRAINED_ON, arguments.runs)
-        if name in ("seen", "matched") and time.monotonic() < until:
+        if name in ("seen", "matched", "smaller") and time.monotonic() < until:
             train_seen(SEEN_ON, arguments.runs)
         if name == "matched" and time.monotonic() < until:
             slips = []

@@ -30,7 +30,7 @@ from jaxdem.train.fit import FitSettings, fit_filtered
 BOX, DIAMETER, SOLID_FRACTION = (24, 24, 48), 75e-6, 0.05
 CELL, COARSENED, PARCEL = 3, 2, 2
 """Side of a fine cell in diameters, fine cells along a coarse one, l of the parcels."""
-TIMES, DROPPED = 6, 3
+TIMES, DROPPED = 4, 2
 """Relaxation times of a run, and those at its start that are not measured."""
 FEATURES = ("solid_fraction", "log_solid_fraction", "log_wide_solid_fraction")
 
