@@ -165,7 +165,7 @@ def measured(dimension: int, arguments: argparse.Namespace) -> dict[str, dict[st
             contenders.append(one.with_one_table())
         print(one.name, one.now[1].room, file=sys.stderr, flush=True)
     for one in contenders:
-        one.run(arguments.steps)
+        one.run(arguments.steps, enlarge=True)  # the steps that are timed have room
     times: dict[str, list[float]] = {one.name: [] for one in contenders}
     builds: dict[str, list[float]] = {one.name: [] for one in contenders}
     for number in range(arguments.rounds):
