@@ -27,6 +27,7 @@ sys.path.insert(0, str(ROOT))  # run as a script from anywhere
 import jaxdem  # noqa: E402
 from benchmarks import harness  # noqa: E402
 from jaxdem.io import Run  # noqa: E402
+from jaxdem.io.run_folder import is_complete  # noqa: E402
 
 M2 = {"density": 2000.0, "restitution": 0.4, "friction": 0.4}
 """Material M2 in place of M1, stiffness apart."""
@@ -41,13 +42,18 @@ def tables_of(name: str) -> dict[str, Any]:
 
 
 def run_of(tables: dict[str, Any], folder: Path) -> tuple[Run, float]:
-    """A run, used again if it is complete; and the processor time that it took, compilation included [s]."""
-    stamp = folder.with_suffix(".seconds")
-    if not stamp.exists():
+    """A run, used again if it is complete and gone on with if it was stopped; and the processor time that it took,
+    compilation included [s]."""
+    scene, stamp = jaxdem.load_scene(tables), folder.with_suffix(".seconds")
+    spent = float(stamp.read_text()) if stamp.exists() else 0.0
+    if not is_complete(folder, scene.to_toml()):
         before = time.process_time()
-        jaxdem.simulate(jaxdem.load_scene(tables), folder)
-        stamp.write_text(f"{time.process_time() - before:.1f}\n")
-    return jaxdem.load_run(folder), float(stamp.read_text())
+        try:
+            jaxdem.simulate(scene, folder, resume=folder.exists())
+        finally:
+            spent += time.process_time() - before
+            stamp.write_text(f"{spent:.1f}\n")
+    return jaxdem.load_run(folder), spent
 
 
 def cost(run: Run, seconds: float) -> dict[str, float]:
