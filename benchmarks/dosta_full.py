@@ -164,7 +164,7 @@ def main() -> None:
         _, rested_s = run_of(scene(SOFT, REST), layer)
         print(f"the layer took {rested_s:.0f} s of processor time", flush=True)
         run, seconds = run_of(with_ball(layer, given.duration, not given.no_energy), impact)
-    found = measured(run) | ({"energy": energy(run)} if "energy" in run.summary else {})
+    found = measured(run) | ({"energy": energy(run)} if "work" in run.summary.get("energy", {}) else {})
     counts, step = run.summary["counts"], run.summary["time_steps"]["contact"]
     found |= {"contact_step_s": step, "particle_steps": counts["contact_steps"] * counts["particles"]}
     found |= {"processor_s": seconds, "layer_processor_s": rested_s}
