@@ -178,7 +178,8 @@ def _seen(state: State, field: ScalarField, values: np.ndarray) -> np.ndarray:
     """A scalar as frames have it."""
     if state.fluid is None or state.fluid.liquid_fraction is None or field.name == TEMPERATURE:
         return values
-    return np.where(_part(state, field) > least_volume(values), values, 0.0).astype(values.dtype)  # type: ignore[arg-type]
+    part = np.asarray(_part(state, field))
+    return np.where(part > least_volume(values), values, 0.0).astype(values.dtype)
 
 
 def _weights(case: Case, state: State, name: str) -> np.ndarray | float:
