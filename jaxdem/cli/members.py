@@ -3,22 +3,27 @@ has, and how the processes speak with one voice."""
 
 from __future__ import annotations
 
+import os
 import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, NoReturn
 
 import typer
 
 from jaxdem.cli import process, terminal
 from jaxdem.cli.cluster import Member, member
+from jaxdem.cli.inputs import start_jax
 from jaxdem.cli.launch import LOST_PEER, run_processes
 from jaxdem.errors import InputError, JaxdemError
 
 if TYPE_CHECKING:
     import jax
+
+    from jaxdem.scene import Scene
 
 FAILED = 1
 """Exit code of a run that failed."""
@@ -76,21 +81,49 @@ def group_of(devices: int | None, processes: int | None) -> ProcessGroup:
     return ProcessGroup(found, devices)
 
 
-def launch(group: ProcessGroup, processes: int | None, resume: str) -> None:
+def launch(group: ProcessGroup, processes: int | None, scene: Scene, resumed: Path | None, resume: str) -> None:
     """Where `--processes` asks for more than this process: starts them, and ends with their exit code.
+
+    More than there are cores are started only where the box can be cut so: each builds the scene before it can refuse
+    the cut, and a hundred of them fill the memory of a small machine meanwhile.
 
     Args:
         group: what the run goes over.
         processes: the option.
+        scene: that they run.
+        resumed: run directory that they go on in; None for a new one.
         resume: the command by which the run goes on.
+
+    Raises:
+        InputError: there are fewer cores, and the box cannot be cut into so many slabs.
     """
     if group.member is not None or processes is None or processes == 1:
         return
+    cores = len(os.sched_getaffinity(0))
+    if processes > cores:
+        from jaxdem.scene.stages import scenes_of
+
+        _require_slabs(scenes_of(scene)[0], resumed, group.devices or processes)
+        terminal.warn(f"{processes} processes share {cores} cores and wait for each other; give --processes {cores}")
     process.be_silent()
     outcome = run_processes(processes, sys.argv[1:])
     if outcome.message is not None:
         terminal.fail(f"{outcome.message} The run has stopped. Continue with: {resume}", outcome.code)
     raise typer.Exit(outcome.code)
+
+
+def _require_slabs(scene: Scene, resumed: Path | None, number: int) -> None:
+    """Refuses a box that cannot be cut into so many slabs. No card is touched."""
+    import jax
+
+    jax.config.update("jax_platforms", "cpu")
+    start_jax(scene.precision)
+    from jaxdem.devices.cut import slabs_of
+    from jaxdem.run.single_run import own_start
+    from jaxdem.setup.builder import build_case
+
+    case = build_case(scene, start=None if resumed is None else own_start(scene, resumed))
+    slabs_of(case.simulation.without_levels(), number, None)
 
 
 def chosen_devices(group: ProcessGroup) -> list[jax.Device] | None:

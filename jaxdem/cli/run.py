@@ -60,7 +60,7 @@ def run(
         complete = group.is_first and _refuse_folder(description, out, resume)
         if not quiet:
             warn_of_units(description)
-        members.launch(group, processes, this_command(context, resume=True))
+        members.launch(group, processes, description, out if resume else None, this_command(context, resume=True))
         start_jax(description.precision, group.own)
         from jaxdem.cli import progress
         from jaxdem.run.scene_run import simulate

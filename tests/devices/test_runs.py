@@ -11,10 +11,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkIOHDF import vtkHDFReader
 
+from jaxdem.cli import members
 from jaxdem.cli.cluster import member
+from jaxdem.cli.launch import Outcome
+from jaxdem.cli.main import app
 from jaxdem.errors import InputError
 from jaxdem.io import load_run
 from tests.cases.tiers import COMBINATION
@@ -205,6 +209,28 @@ def test_a_message_comes_once(scene, tmp_path):
         done = command("run", scene, "--out", tmp_path / "run", *arguments)
         assert done.returncode == 2 and done.stderr.count("jaxdem:") == 1 and text in done.stderr, done.stderr
         assert not (tmp_path / "run").exists()
+
+
+def test_more_processes_than_cores_or_slabs(scene, tmp_path, monkeypatch):
+    """None is started where the box cannot be cut so; what is more than the cores is told."""
+    started = []
+    monkeypatch.setattr(members, "run_processes", lambda number, _: started.append(number) or Outcome(0, None))
+    monkeypatch.setattr(members.process, "be_silent", lambda: None)
+    monkeypatch.setattr(members, "start_jax", lambda precision: None)  # as the other tests have it
+    monkeypatch.setattr(members.os, "sched_getaffinity", lambda _: {0, 1})
+
+    def run(processes):
+        given = ["run", scene, "--out", tmp_path / "run", "--set", "precision=float32", "--processes", processes]
+        return CliRunner().invoke(app, [str(one) for one in given])
+
+    refused = run(99)
+    assert refused.exit_code == 2 and "cut into 99 slabs" in " ".join(refused.output.split()), refused.output
+    for number, told in ((3, True), (2, False)):
+        done = run(number)
+        assert done.exit_code == 0 and ("3 processes share 2 cores" in " ".join(done.output.split())) == told, (
+            done.output
+        )
+    assert started == [3, 2]
 
 
 def test_who_a_process_is():
