@@ -28,6 +28,7 @@ from __future__ import annotations
 from typing import Literal, NamedTuple
 
 import jax.numpy as jnp
+import numpy as np
 from jax import Array, lax
 
 from jaxdem.fluid.carried_heat import mixed, mixed_flux
@@ -70,7 +71,7 @@ class CarriedScalar(NamedTuple):
     through_sides: Array
 
 
-def least_volume(values: Array) -> float:
+def least_volume(values: Array | np.ndarray) -> float:
     """Part of a cell up to which it holds none of a fluid: so much of it has a concentration to half the digits [-]."""
     return float(jnp.finfo(values.dtype).eps) ** 0.5
 
