@@ -399,7 +399,7 @@ def dam_break(cells: int = 32, until: float = 3.4, own_clock: bool = True) -> li
     if own_clock:
         reached = np.interp(paper["T"], times, front)
         error = float(np.max(np.abs(reached / paper["Z"] - 1.0)))
-        figures.append(below(f"front by the paper's own clock, {-late:.2f} units late, largest error", error, 0.05))
+        figures.append(below(f"front by the paper's own clock, {-late:.2f} units early, largest error", error, 0.05))
     return figures
 
 
