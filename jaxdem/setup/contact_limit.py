@@ -95,11 +95,12 @@ def _neighbourhoods(mass: float, pairs: Sequence[Neighbours], room: int, free: i
     """The neighbours that a particle may have at once, of which one of these is the worst.
 
     The largest eigenvalue of a sum of contacts is convex in the numbers of each. So it is largest where all the room is
-    taken by one kind, after those that are worse and too few to take it.
+    taken by one kind, after those that are worse and too few to take it. Which are worse must not depend on the line of
+    motion: all of them have friction, or none.
     """
     if room == 0 or not pairs:
         return [[]]
-    worst_first = sorted(pairs, key=lambda one: _limit_of(mass, [_among_particles(one, room, free)], None))
+    worst_first = sorted(pairs, key=lambda one: _limit_of(mass, [_among_particles(one, room, room, free)], None))
     found = []
     for k, last in enumerate(worst_first):
         few: list[Neighbours] = []
@@ -110,7 +111,7 @@ def _neighbourhoods(mass: float, pairs: Sequence[Neighbours], room: int, free: i
         for one in (*few, last):
             count = min(one.number, left)
             left -= count
-            kinds.append(_among_particles(one, count, free))
+            kinds.append(_among_particles(one, count, room, free))
         found.append(kinds)
     return found
 
@@ -135,9 +136,14 @@ class _Touching(NamedTuple):
     lopsided: float
 
 
-def _among_particles(near: Neighbours, count: int, free: int) -> _Touching:
-    """With `count` neighbours of a kind in so many free dimensions."""
-    along = min(count, 2.0 + 0.25 * max(count - 2, 0), 4.0 if free == 3 else 3.0)
+def _among_particles(near: Neighbours, count: int, room: int, free: int) -> _Touching:
+    """With `count` neighbours of a kind, of as many as there is room for, in so many free dimensions.
+
+    Neighbours are 60 degrees apart. So few of them act along one line by 2 of 1, 4 of 3/4 or 6 of 2/3: by up to half
+    for each beyond two, up to what all for which there is room do.
+    """
+    full = min(2.0 + 0.25 * max(room - 2, 0), 4.0 if free == 3 else 3.0)
+    along = min(count, 2.0 + 0.5 * max(count - 2, 0), full)
     axis = min(count, 6.0 + max(count - 6, 0) / 3.0)
     return _Touching(near.contact, near.weight, count, along, axis, LOPSIDED[free][count])
 
@@ -151,17 +157,25 @@ def _at_walls(wall: LinearContact, touching: int, thin: int) -> _Touching:
 def _limit_of(mass: float, kinds: Sequence[_Touching], bonds: Callable[[float], float] | None) -> float:
     """The limit for a particle with these contacts [s]."""
 
-    def largest(step: float) -> float:
+    def parts(square: float, step: float) -> tuple[float, float, float]:
+        """T, R and X of `contact_stability_limit` for so much of dt^2 and of dt, in which they are linear."""
         translation = rotation = cross = 0.0
         for contact, weight, number, along, axis, lopsided in kinds:
-            normal = weight * (step**2 * contact.normal + 4.0 * step * contact.normal_damping)
-            spring, dashpot = step**2 * contact.tangential, step * contact.tangential_damping
-            rolling = weight * (step**2 * contact.rolling + 2.0 * step * contact.rolling_damping)
+            normal = weight * (square * contact.normal + 4.0 * step * contact.normal_damping)
+            spring, dashpot = square * contact.tangential, step * contact.tangential_damping
+            rolling = weight * (square * contact.rolling + 2.0 * step * contact.rolling_damping)
             translation += normal * along + weight * (spring + 4.0 * dashpot) * (number - along)
             rotation += 2.5 * (weight * (spring + 2.25 * dashpot) * axis + rolling * number)
             cross += math.sqrt(2.5) * weight * (spring + 3.0 * dashpot) * lopsided
+        return translation, rotation, cross
+
+    # Of each once: with many kinds of particles there are thousands of neighbourhoods.
+    springs, dashpots = parts(1.0, 0.0), parts(0.0, 1.0)
+
+    def largest(step: float) -> float:
+        t, r, x = (step * (step * spring + dashpot) for spring, dashpot in zip(springs, dashpots, strict=True))
         bonded = 0.0 if bonds is None else mass * bonds(step)
-        return 0.5 * (translation + rotation) + math.hypot(0.5 * (translation - rotation), cross) + bonded
+        return 0.5 * (t + r) + math.hypot(0.5 * (t - r), x) + bonded
 
     stiffness = sum(kind.weight * kind.contact.normal * kind.along for kind in kinds)
     if stiffness == 0.0:

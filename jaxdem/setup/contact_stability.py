@@ -37,6 +37,9 @@ def contact_stability(
     if particles.shapes is not None:
         grains = _pooled(grains)
     large, heavy = max(body.radius for body in grains), max(body.mass for body in grains)
+    meetings = [(one.material, other.material) for one in grains for other in grains if one.others(other) > 0]
+    # Of all contacts or of none: among smooth and rough ones the worst neighbourhood is none of those that are tried.
+    rough = any(pair_constants(particles, *pair).rough for pair in set(meetings))
 
     def depth(one: ContactBody, other: ContactBody | None, modulus: float) -> float:
         """Of a contact between two of these bodies, or of one with a wall."""
@@ -58,6 +61,8 @@ def contact_stability(
         Bodies that press each other have no film between them, but their neighbours may; and all have bridges.
         """
         constants = pair_constants(particles, one.material, None if other is None else other.material)
+        if other is not None:
+            constants = constants._replace(rough=rough)
         mass = one.mass if other is None else effective(one.mass, other.mass)
         radius = one.radius if other is None else effective(one.radius, other.radius)
         small = one.radius if other is None else min(one.radius, other.radius)

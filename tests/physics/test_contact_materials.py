@@ -296,6 +296,21 @@ def test_a_hard_grain_that_is_alone_does_not_meet_another():
     assert two["contact_duration"] / one["contact_duration"] < 0.6  # (E* of soft and hard / E* of two hard ones)^(2/5)
 
 
+def test_friction_of_some_pairs_counts_for_all():
+    """Among smooth contacts and rough ones the worst neighbourhood is neither that of the one nor of the other."""
+    places = [[0.2, 0.2, 0.2], [0.5, 0.5, 0.5], [0.8, 0.8, 0.8]]
+
+    def limit(alike, unlike):
+        tables = {
+            "materials": [TABLES["materials"][0] | {"friction": alike}, TABLES["materials"][1]],
+            "material_pairs": [{"materials": ["soft", "hard"], "friction": unlike}],
+        }
+        scene = scene_of(["soft", "soft", "hard"], particles={"position": places}, **tables)
+        return time_steps(scene).limits["contact_stability"]
+
+    assert limit(0.5, 0.0) == limit(0.0, 0.5) == limit(0.5, 0.5) < limit(0.0, 0.0)
+
+
 def test_a_piston_on_grains_of_several_materials_is_as_heavy_as_the_heaviest_ask():
     """2 N m of the material whose smallest grains have the largest m, at the step that is stable just so."""
     piston = {"kind": "plane", "point": [0.5, 0.5, 0.9], "normal": [0.0, 0.0, -1.0]}

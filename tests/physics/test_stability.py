@@ -63,6 +63,14 @@ def test_predicted_limit_of_one_hard_grain_among_soft_ones(name):
     assert 0.5 <= stability.contact_limit(name, "e = 1, mu = 10").ratio <= 1.012
 
 
+@pytest.mark.parametrize(("dimension", "number", "along"), [(2, 4, 3.0), (3, 3, 2.5), (3, 4, 3.0), (3, 6, 4.0)])
+def test_few_neighbours_may_act_along_one_line(dimension, number, along):
+    """Heavy ones, 60 degrees apart: two or three on either side of the line, or one and two. k/m counts sum cos^2."""
+    limit = contact_stability_limit(1.0, dimension, [Neighbours(SMOOTH, 1.0, number, 0)], NONE, 0)
+    sides = {2.5: [0.0, 30.0, 30.0], 3.0: [30.0] * 4, 4.0: [np.degrees(np.arcsin(1.0 / np.sqrt(3.0)))] * 6}[along]
+    assert limit == pytest.approx(2.0 / np.sqrt(3.0 * np.sum(np.cos(np.radians(sides)) ** 2)), rel=1e-9)
+
+
 def neighbours(*numbers):
     """A stiff kind of particles, and a soft one, by how many there are."""
     return [Neighbours(ROUGH._replace(normal=9.0), 2.0, numbers[0], 0), Neighbours(SMOOTH, 2.0, numbers[1], 1)]
