@@ -63,9 +63,9 @@ def slip(run: Run) -> dict[str, float]:
 
 
 def made(folder: Path, name: str, one: jaxdem.Scene, closure: Any = None) -> Run:
-    """The run, made if it is not there."""
+    """The run, made or gone on with."""
     path = folder / name
-    return jaxdem.load_run(path) if path.exists() else jaxdem.simulate(one, path, closure=closure)
+    return jaxdem.simulate(one, path, closure=closure, resume=path.exists())
 
 
 def main() -> None:

@@ -38,11 +38,13 @@ def line(pack: Pack, seed: int, found: Found) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--columns", type=int, default=8, help="mean diameters across")
+    parser.add_argument("--columns", type=int, default=8, help="mean diameters across, at least 5")
     parser.add_argument("--layers", type=int, default=32, help="mean diameters from floor to piston")
-    parser.add_argument("--solid-fraction", type=float, default=0.8, help="of the section, of the grown pack")
-    parser.add_argument("--friction", type=float, default=0.4)
-    parser.add_argument("--seeds", type=int, nargs="+", default=[1])
+    parser.add_argument(
+        "--solid-fraction", type=float, default=0.8, help="of the section, of the grown pack; small packs reach less"
+    )
+    parser.add_argument("--friction", type=float, default=0.4, help="between the grains")
+    parser.add_argument("--seeds", type=int, nargs="+", default=[1], help="of the places of the grains")
     given = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
     print(HEAD)
