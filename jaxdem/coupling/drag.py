@@ -78,7 +78,7 @@ class DragModel:
         if self.coarse_inputs is not None:
             return self.coarse_inputs(start.grid, fluid, solids, start.particles, start.bodies, start.properties)
         if self.wide:
-            inputs = with_wide_solids(start.grid, start.weights, inputs, solids)
+            inputs = with_wide_solids(start.grid, start.weights, inputs, solids, start.properties.cut)
         if self.grain_volume:
             inputs = with_volume_of_grain(start.grid, start.weights, inputs, start.bodies, start.properties.cut)
         if self.deconvolution > 0.0:

@@ -10,6 +10,7 @@ from jax import Array
 
 from jaxdem.closures.base import DragInputs
 from jaxdem.coupling.interpolation import Weights, interpolate
+from jaxdem.fluid.cut_cells import CutCells
 from jaxdem.fluid.fluid_state import FluidProperties
 from jaxdem.fluid.grid import FaceField, Grid, cell_average, gradient, mean_over_three, second_differences
 from jaxdem.fluid.second_fluid import fluidity, mixture_density
@@ -106,14 +107,22 @@ def deconvolved(
     return inputs._replace(fluid_velocity=inputs.fluid_velocity - strength * interpolate(weights, curvature))
 
 
-def with_wide_solids(grid: Grid, weights: Weights, inputs: DragInputs, solids: Array) -> DragInputs:
+def with_wide_solids(
+    grid: Grid, weights: Weights, inputs: DragInputs, solids: Array, cut: CutCells | None = None
+) -> DragInputs:
     """The inputs with the solid fraction at the particles of the field that is averaged over three cells along every
-    axis.
+    axis; between surfaces over what they leave open of these.
 
     Args:
         grid: of the fluid.
         weights: of the N particles.
         inputs: without it.
         solids: solid fraction of the cells [-].
+        cut: surfaces in the fluid, None for none.
     """
-    return inputs._replace(wide_solid_fraction=interpolate(weights, (mean_over_three(grid, solids),))[:, 0])
+    if cut is None:
+        wide = mean_over_three(grid, solids)
+    else:
+        content, room = (mean_over_three(grid, x) for x in (cut.open_cells * solids, cut.open_cells))
+        wide = jnp.where(room > 0.0, content / jnp.where(room > 0.0, room, 1.0), 0.0)
+    return inputs._replace(wide_solid_fraction=interpolate(weights, (wide,))[:, 0])

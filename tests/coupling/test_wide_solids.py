@@ -25,10 +25,11 @@ def over_three(field, modes):
     return field
 
 
-def sampled(closure, **coupling):
-    """Grains at random places beside walls below and above, and the fluid at them."""
+def sampled(closure, floor=0.0, **coupling):
+    """Grains at random places beside walls below and above, and the fluid at them; above a floor in the mesh [m]."""
     size = [n * CELL for n in CELLS]
-    places = np.random.default_rng(0).uniform(0.05, 0.95, (30, 2)) * size
+    places = np.random.default_rng(0).uniform(0.05, 0.95, (30, 2)) * [size[0], size[1] - floor] + [0.0, floor]
+    plane = {"kind": "plane", "point": [0.0, floor], "normal": [0.0, 1.0], "fluid": "free_slip"}
     scene = jaxdem.load_scene(
         {
             "precision": "float64",
@@ -39,6 +40,7 @@ def sampled(closure, **coupling):
             "fluid": {"cells": list(CELLS), "density": 1.0, "viscosity": 1e-5},
             "coupling": {"interval": 1e-3, "kernel_width": {"diameters": 3.0, "cells": 0.5}} | coupling,
             "time": {"end": 1e-3, "output_interval": 1e-3},
+            "walls": [plane] * (floor > 0.0),
         }
     )
     simulation, parameters = jaxdem.build(scene, closure=closure)
@@ -58,6 +60,15 @@ def test_a_closure_that_asks_sees_the_mean_over_three_cells(ensemble):
 
 def test_no_other_law_is_given_it():
     assert sampled(WenYu()).law_inputs.wide_solid_fraction is None
+
+
+def test_cells_behind_a_wall_in_the_mesh_do_not_count():
+    """The floor closes the first row of cells and half of the second one."""
+    found = sampled(CLOSURE, floor=1.5 * CELL)
+    room = np.broadcast_to([0.0, 0.5, 1.0, 1.0], CELLS)
+    content, among = (over_three(field, ("wrap", "edge")) for field in (room * np.asarray(found.solids), room))
+    expected = interpolate(found.weights, (jnp.asarray(content / among),))[:, 0]
+    np.testing.assert_allclose(found.law_inputs.wide_solid_fraction, expected, rtol=1e-9)
 
 
 def test_on_a_coarser_view_it_is_of_the_coarser_cells():
