@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Unpack
@@ -62,7 +63,7 @@ def simulate(
         Interrupted: SIGINT or SIGTERM; a checkpoint was written.
     """
     require_scene(scene)
-    if not isinstance(out, (str, Path)):
+    if not isinstance(out, (str, os.PathLike)):
         raise InputError("out", out, "is no path", "give the folder of the run")
     for name, function in (("progress", progress), ("settling", settling)):
         if function is not None and not callable(function):

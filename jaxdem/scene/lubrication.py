@@ -14,7 +14,7 @@ class Lubrication(Section):
     """Resistance of the liquid in the gap between particles, and between particles and walls.
 
     Attributes:
-        cutoff: gap beyond which nothing acts; at most half of the smallest radius [m].
+        cutoff: gap beyond which nothing acts; at most half of the smallest radius, of clumps that of a member [m].
         roughness: gap below which the resistance grows no more: the height of the bumps that touch first [m].
         viscosity: dynamic viscosity of the liquid. Default: that of the scene's fluid [Pa s].
         shear: whether the liquid in the gap also resists sliding and rolling; without it approach and parting alone.

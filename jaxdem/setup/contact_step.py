@@ -124,11 +124,11 @@ def _shortest_contact(particles: ParticleSetup, bodies: Sequence[ContactBody], s
             durations.append(stability.linear_duration(mass, contact.normal_stiffness or 0.0, damping))
         else:
             radius, modulus = effective(one.radius, other.radius), effective(one.modulus, other.modulus)
-            pair = pair_of(particles, one, other)
+            pair, fast = pair_of(particles, one, other), speed
             if pair is not None:  # as long as an impact without cohesion that is as deep
                 deepest = pair.depth(0.5 * mass * speed**2)[1]
-                speed = max(speed, stability.hertz_speed(mass, radius, modulus, deepest))
-            durations.append(stability.hertz_duration(mass, radius, modulus, speed))
+                fast = max(speed, stability.hertz_speed(mass, radius, modulus, deepest))
+            durations.append(stability.hertz_duration(mass, radius, modulus, fast))
     return min(durations)
 
 

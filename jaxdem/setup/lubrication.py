@@ -20,12 +20,12 @@ def lubrication_reach(particles: ParticleSetup) -> float:
     """Longest gap at which the liquid acts [m].
 
     Raises:
-        InputError: it is longer than half of the smallest radius.
+        InputError: it is longer than half of the smallest radius, of clumps of that of a member.
     """
     table = particles.contact.lubrication
     if table is None or particles.bodies.radius.size == 0:
         return 0.0
-    longest = LARGEST_REACH * particles.bodies.smallest_radius
+    longest = LARGEST_REACH * particles.spheres.smallest_radius
     if table.cutoff > longest:
         limit = f"is at most half of the smallest radius, {longest:.3g} m: the force is that of a narrow gap"
         raise InputError("contact.lubrication.cutoff", table.cutoff, limit, "lower it")

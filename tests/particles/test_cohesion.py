@@ -27,6 +27,7 @@ from jaxdem.particles.cohesion import (
 )
 from jaxdem.particles.materials import surroundings
 from tests.cases.cohesion import EFFECTIVE_MODULUS, EFFECTIVE_RADIUS, RADIUS, WORK, jkr_radii, two
+from tests.cases.steps import time_steps
 from tests.cases.surfaces import flight, grains_scene, plane_mesh, saved
 from tests.cases.tiers import COMBINATION, tiered
 from tests.cases.worlds import World, advance, constants, forces, track, world
@@ -98,6 +99,19 @@ WRONG = {
     "liquid on a wall that goes": (KINDS["capillary"], {"walls": [{"kind": "plane", "point": [0.01, 0.0],
                                    "normal": [-1.0, 0.0], "end": 0.01}]}, "contact.cohesion.kind", "begin or end"),
 }  # fmt: skip
+
+
+def test_the_shortest_contact_is_that_of_a_pair_however_many_kinds_there_are():
+    """Each pair is as fast as its own attraction makes it; the smallest two decide."""
+    place = [[0.002 + 0.0022 * k, 0.01] for k in range(8)]
+
+    def duration(radii):
+        particles = {"radius": radii, "density": 2500.0, "position": place[: len(radii)]}
+        tables = {key: value for key, value in tables_of().items() if key != "particles"}
+        return time_steps(jaxdem.load_scene(tables | {"particles": particles})).limits["contact_duration"]
+
+    radii = [RADIUS * (1.0 + 0.001 * k) for k in range(8)]
+    assert duration(radii) == pytest.approx(duration(radii[:1] * 2), rel=1e-12)
 
 
 @pytest.mark.parametrize("name", WRONG)

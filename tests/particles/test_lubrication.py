@@ -34,6 +34,10 @@ def film(**changes):
 WRONG = {
     "a cutoff within the roughness": (film(cutoff=1e-6), "contact.lubrication.cutoff", "larger than roughness"),
     "a wide gap": (film(cutoff=6e-4), "contact.lubrication.cutoff", "half of the smallest radius"),
+    "a gap that is wide for a member": (
+        with_tables(film(cutoff=2e-4), contact={"time_step": 1e-6}, particles={"shape": "bent", "shapes": [
+            {"name": "bent", "centres": [[0.0, 0.0], [1.0, 0.0]], "radii": [1.0, 0.3]}]}),
+        "contact.lubrication.cutoff", "half of the smallest radius"),
     "no viscosity": (film(viscosity=None), "contact.lubrication.viscosity", "without \\[fluid\\]"),
     "half of a friction": (film(wet_friction=0.1), "contact.lubrication.sommerfeld_number", "wet_friction"),
     "parcels": (with_tables(GRAINS, particles={"coarse_grain": 2.0}), "contact.lubrication", "parcels"),
