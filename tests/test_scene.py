@@ -502,19 +502,23 @@ def test_a_start_from_a_damaged_run_names_the_key(tmp_path):
         build(load_scene(VALID | {"start": {"from": str(tmp_path)}}))
 
 
-def test_arguments_of_another_kind_are_refused_by_a_rollout():
+def test_arguments_of_another_kind_are_refused_by_a_rollout_and_an_initial_state():
     scene = load_scene(VALID)
     simulation, parameters = build(scene)
     state, neighbors = initial_state(scene, simulation, parameters)
     good = (simulation, parameters, state, neighbors, 1)
     for number, value, name in (
         (0, parameters, "simulation"), (1, state, "parameters"), (2, neighbors, "state"), (3, None, "neighbors"),
+        (3, state, "neighbors"),
         (4, -1, "steps"), (4, 1.5, "steps"), (4, "3", "steps"), (4, None, "steps"),
     ):  # fmt: skip
         with pytest.raises(InputError, match=f"^{name}"):
             rollout(*good[:number], value, *good[number + 1 :])
     with pytest.raises(InputError, match="observe"):
         rollout(*good, observe=3)
+    for built, name in (((parameters, simulation), "simulation"), ((simulation, None), "parameters")):
+        with pytest.raises(InputError, match=f"^{name} = .*jaxdem.build"):
+            initial_state(scene, *built)
 
 
 @pytest.mark.parametrize(

@@ -16,9 +16,9 @@ from jaxdem.failures import failures
 from jaxdem.numerics.shapes import with_shapes, zeros_of
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.scene.drive import check_gravity
+from jaxdem.setup.given import require_built
 from jaxdem.simulation import Simulation
 from jaxdem.state import Diagnostics, Parameters, State
-from jaxdem.structure import Structure
 
 KEPT_STEPS = 128
 """Up to this length reverse mode keeps the state of every step. The contact steps within a single interval
@@ -90,13 +90,14 @@ def _require(
     simulation: object, parameters: object, state: object, neighbors: object, steps: object, observe: object
 ) -> None:
     """Refuses arguments that are of another kind, such as two in the wrong order."""
-    kinds = (("simulation", simulation, Structure), ("parameters", parameters, Parameters), ("state", state, State))
+    require_built(simulation, parameters)
+    kinds: list[tuple[str, object, type]] = [("state", state, State)]
+    if isinstance(simulation, Simulation) and simulation.contact is not None:
+        kinds.append(("neighbors", neighbors, Neighbors))
     for name, value, kind in kinds:
         if not isinstance(value, kind):
-            remedy = "the order is simulation, parameters, state, neighbors, steps"
+            remedy = "give both as jaxdem.initial_state makes them: state, neighbors"
             raise InputError(name, type(value).__name__, f"is no {kind.__name__}", remedy)
-    if neighbors is None and isinstance(simulation, Structure) and simulation.contact is not None:
-        raise InputError("neighbors", "None", "the scene has particles", "give the list of jaxdem.initial_state")
     if not isinstance(steps, (int, np.integer)) or steps < 0:
         raise InputError("steps", steps, "is no whole number from 0 up", "give the number of coupling intervals")
     if observe is not None and not callable(observe):

@@ -29,7 +29,7 @@ from jaxdem.setup.coupling import check_own_forces, fluid_coupling
 from jaxdem.setup.extensions import Extensions, has_models
 from jaxdem.setup.fluid import fluid_interval, fluid_setup
 from jaxdem.setup.fluid_walls import FluidWalls, fluid_walls
-from jaxdem.setup.given import parts_given, require_scene
+from jaxdem.setup.given import parts_given, require_built, require_scene
 from jaxdem.setup.magnitudes import check_magnitudes, check_memory
 from jaxdem.setup.merge import merged
 from jaxdem.setup.parameters import scene_parameters
@@ -177,9 +177,10 @@ def initial_state(scene: Scene, simulation: Simulation, parameters: Parameters) 
 
     Raises:
         InputError: particles overlap each other or a wall, lie outside the box, do not fit into their pack, or do not
-            come to rest.
+            come to rest; or an argument is of another kind.
     """
     require_scene(scene)
+    require_built(simulation, parameters)
     start = read_start(scene)
     if isinstance(simulation, DividedSimulation):
         whole = initial_state(scene, simulation.undivided(), simulation.of_whole(parameters))

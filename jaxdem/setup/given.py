@@ -1,4 +1,5 @@
-"""What a program of the user may give to `jaxdem.build` and `jaxdem.simulate`: another kind is refused before any work.
+"""What a program of the user may give to `jaxdem.build`, `jaxdem.simulate` and their like: another kind is refused
+before any work.
 
 Without that a law given by its name, say, is found hours later, or as an error deep inside of a compiled step.
 """
@@ -12,6 +13,8 @@ from jaxdem.coupling.forces.protocol import FluidForce
 from jaxdem.errors import InputError
 from jaxdem.scene import Scene
 from jaxdem.setup.extensions import Extensions
+from jaxdem.simulation import Simulation
+from jaxdem.state import Parameters
 
 
 def _is_law(value: object) -> bool:
@@ -89,6 +92,18 @@ def require_scene(scene: object) -> None:
     if not isinstance(scene, Scene):
         shown = scene if isinstance(scene, str) else type(scene).__name__
         raise InputError("scene", shown, "is no scene", "give what jaxdem.load_scene makes of a file or of its tables")
+
+
+def require_built(simulation: object, parameters: object) -> None:
+    """Refuses what `jaxdem.build` does not make, such as both in the wrong order.
+
+    Raises:
+        InputError: one is of another kind.
+    """
+    for name, value, kind in (("simulation", simulation, Simulation), ("parameters", parameters, Parameters)):
+        if not isinstance(value, kind):
+            remedy = "give both as jaxdem.build makes them: simulation, parameters"
+            raise InputError(name, type(value).__name__, f"is no {kind.__name__}", remedy)
 
 
 def parts_given(closure: object, extensions: Mapping[str, object]) -> Extensions:
