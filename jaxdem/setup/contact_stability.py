@@ -77,7 +77,9 @@ def contact_stability(
     thin = sum(
         not wraps and length <= 2.0 * large for wraps, length in zip(scene.periodic, scene.domain.size, strict=True)
     )
-    walls = min(scene.dimension, scene.periodic.count(False) + len(scene.walls))
+    # A particle may lie in a corner of a mesh.
+    surfaces = sum(scene.dimension if wall.kind == "mesh" else 1 for wall in scene.walls)
+    walls = min(scene.dimension, scene.periodic.count(False) + surfaces)
     bonds = bond_growth(particles)
     limits = []
     for body in grains:

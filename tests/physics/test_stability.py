@@ -8,11 +8,12 @@ import math
 import numpy as np
 import pytest
 
+import jaxdem
 from jaxdem.scene.shapes import Shape
 from jaxdem.setup.contact_limit import Neighbours, contact_stability_limit
 from jaxdem.setup.shapes import template
 from jaxdem.setup.stability import LinearContact
-from tests.cases import extremes, stability, surface_stability
+from tests.cases import extremes, stability, steps, surface_stability
 from tests.cases.tiers import COMBINATION, tiered
 
 SMOOTH = LinearContact(3.0, 0.0, 0.0, 0.0)
@@ -69,6 +70,25 @@ def test_few_neighbours_may_act_along_one_line(dimension, number, along):
     limit = contact_stability_limit(1.0, dimension, [Neighbours(SMOOTH, 1.0, number, 0)], NONE, 0)
     sides = {2.5: [0.0, 30.0, 30.0], 3.0: [30.0] * 4, 4.0: [np.degrees(np.arcsin(1.0 / np.sqrt(3.0)))] * 6}[along]
     assert limit == pytest.approx(2.0 / np.sqrt(3.0 * np.sum(np.cos(np.radians(sides)) ** 2)), rel=1e-9)
+
+
+def test_a_grain_may_lie_in_a_corner_of_a_mesh():
+    """A grain alone between sides that are periodic: a mesh may hold it as a corner of the box does."""
+
+    def limit(*walls, periodic=True):
+        tables = {
+            "domain": {"size": [1.0, 1.0], "gravity": [0.0, -9.81]},
+            "particles": {"radius": 0.01, "density": 2500.0, "position": [[0.5, 0.5]]},
+            "contact": {"young_modulus": 1e7, "restitution": 0.5, "friction": 0.5, "speed": 1.0},
+            "boundary": {side: {"kind": "periodic"} for side in ("left", "right", "bottom", "top") if periodic},
+            "walls": list(walls),
+            "time": {"end": 1.0, "output_interval": 1.0},
+        }
+        return steps.time_steps(jaxdem.load_scene(tables)).limits["contact_stability"]
+
+    mesh = {"kind": "mesh", "points": [[0.3, 0.7], [0.3, 0.3], [0.7, 0.3]]}
+    corner = limit(periodic=False)
+    assert limit(mesh) == corner < limit()
 
 
 def neighbours(*numbers):
