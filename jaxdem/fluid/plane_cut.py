@@ -21,6 +21,7 @@ import jax.numpy as jnp
 from jax import Array, lax
 
 from jaxdem.fluid.grid import sum_of
+from jaxdem.numerics.quotients import quotient
 
 _ITERATIONS = 4
 """Newton's steps for the offset where the section is a polygon of more than four sides: the first is within a fifth of
@@ -97,7 +98,7 @@ def _smaller_area(m: tuple[Array, ...], a: Array) -> Array:
     """The volume for an offset of at most 1/2, in 2-D; see the module."""
     m1, m2 = m
     beyond = a >= m1
-    corner = (a / jnp.where(beyond, 1.0, m1)) * a
+    corner = quotient(a, jnp.where(beyond, 1.0, m1)) * a
     return jnp.where(beyond, 2.0 * a - m1, corner) / (2.0 * m2)
 
 
@@ -130,11 +131,11 @@ def _smaller_volume(m: tuple[Array, ...], a: Array) -> Array:
     between = ~(in_corner | flat)
     # Divided by where it is chosen alone, so that slopes of what is not stay finite.
     s1, s2 = jnp.where(in_corner, m1, 1.0), jnp.where(in_corner, m2, 1.0)
-    corner = (a / s1) * (a / s2) * a / (6.0 * m3)
+    corner = quotient(a, s1) * quotient(a, s2) * a / (6.0 * m3)
     s1, s2 = jnp.where(between & (m1 > _SMALL), m1, 1.0), jnp.where(between & (m2 > _SMALL), m2, 1.0)
     t2, t3 = jnp.maximum(a - m2, 0.0), jnp.maximum(a - m3, 0.0)
-    beyond = (t2 / s1) * (t2 / s2) * t2 + (t3 / s1) * (t3 / s2) * t3
-    section = ((a / s2) * (a - m1) + (m1 / s2) * m1 / 3.0) / (2.0 * m3) - beyond / (6.0 * m3)
+    beyond = quotient(t2, s1) * quotient(t2, s2) * t2 + quotient(t3, s1) * quotient(t3, s2) * t3
+    section = (quotient(a, s2) * (a - m1) + quotient(m1, s2) * m1 / 3.0) / (2.0 * m3) - beyond / (6.0 * m3)
     return jnp.where(in_corner, corner, jnp.where(flat, (2.0 * a - m1 - m2) / (2.0 * m3), section))
 
 

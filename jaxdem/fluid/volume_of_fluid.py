@@ -28,6 +28,7 @@ from jaxdem.fluid.plane_cut import is_cut, offset_of, volume_of_slab
 from jaxdem.fluid.sweeps import ORDERS, in_order
 from jaxdem.numerics.batches import in_any
 from jaxdem.numerics.blocks import any_of
+from jaxdem.numerics.quotients import quotient
 
 SURFACE_COURANT = 0.5
 """Part of the fluids' volume of a cell that may come in through its faces in a step, and that may leave it: up to it
@@ -210,7 +211,7 @@ def _unit(vector: list[Array]) -> tuple[Array, ...]:
     there = size > 1e-30
     whole = jnp.where(there, size, 1.0)
     last = len(vector) - 1
-    return tuple(jnp.where(there, x / whole, 1.0 if axis == last else 0.0) for axis, x in enumerate(vector))
+    return tuple(jnp.where(there, quotient(x, whole), 1.0 if axis == last else 0.0) for axis, x in enumerate(vector))
 
 
 class _Sweep(NamedTuple):

@@ -68,3 +68,14 @@ def test_slopes_are_finite_and_those_of_the_inverse():
     np.testing.assert_allclose(slope * inverse, 1.0, rtol=1e-6)
     for slopes in jax.jit(jax.grad(lambda m: sum(both(m, volumes))))(m):
         assert np.isfinite(slopes).all()
+
+
+@pytest.mark.parametrize("dimension", (2, 3))
+def test_slopes_are_finite_in_single_precision_where_a_component_has_no_square(dimension):
+    """At the ends of the cell and just within, where the plane is as good as parallel to sides of the cell."""
+    small = [jnp.full(4, size, jnp.float32) for size in (1e-25, 1e-24)[: dimension - 1]]
+    m = (*small, jnp.ones(4, jnp.float32))
+    offset = jnp.asarray([0.0, 5e-26, 2e-25, 1.0], jnp.float32)
+    slopes = jax.jit(jax.grad(lambda m, a: jnp.sum(volume_below(m, a)), (0, 1)))(m, offset)
+    for slope in jax.tree.leaves(slopes):
+        assert np.isfinite(slope).all()
