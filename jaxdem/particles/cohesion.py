@@ -24,6 +24,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.errors import required
+from jaxdem.numerics.quotients import quotient
 from jaxdem.numerics.static import static
 from jaxdem.numerics.vectors import Vector
 
@@ -202,7 +203,7 @@ class VanDerWaals:
     def __call__(self, gap: Gap, constants: CohesionConstants, memory: Vector) -> Attraction:
         """See `Cohesion`."""
         distance = jnp.maximum(-gap.overlap, required(constants.minimum_gap, "minimum_gap"))
-        pull = constants.strength * gap.effective_radius / (6.0 * distance**2)
+        pull = quotient(constants.strength * gap.effective_radius, 6.0 * distance**2)
         return _at_overlap(gap, jnp.where(-gap.overlap < required(constants.cutoff, "cutoff"), pull, 0.0))
 
 
@@ -235,7 +236,7 @@ class CapillaryBridge:
         bridge = volume > 0
         safe, radius = jnp.where(bridge, volume, 1.0), 2.0 * gap.effective_radius
         distance = jnp.maximum(-gap.overlap, 0.0)
-        scaled = distance * jnp.sqrt(radius / safe)
+        scaled = distance * jnp.sqrt(quotient(radius, safe))
         angle = required(constants.contact_angle, "contact_angle")
         largest = 2.0 * jnp.pi * radius * constants.strength * jnp.cos(angle)
         pull = jnp.where(bridge, largest / (1.0 + scaled * (1.05 + 2.5 * scaled)), 0.0)
@@ -243,7 +244,7 @@ class CapillaryBridge:
         if constants.liquid_viscosity is None:
             return attraction
         distance = jnp.maximum(distance, required(constants.minimum_gap, "minimum_gap"))
-        wetted = 1.0 - 1.0 / jnp.sqrt(1.0 + 2.0 * safe / (jnp.pi * radius * distance**2))
+        wetted = 1.0 - 1.0 / jnp.sqrt(1.0 + quotient(2.0 * safe, jnp.pi * radius * distance**2))
         damping = 6.0 * jnp.pi * constants.liquid_viscosity * gap.effective_radius**2 * wetted**2 / distance
         return attraction._replace(damping=jnp.where(bridge, damping, 0.0))
 

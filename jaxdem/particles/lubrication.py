@@ -21,6 +21,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.errors import required
+from jaxdem.numerics.quotients import quotient
 from jaxdem.numerics.static import static
 
 NARROW = 1e-3
@@ -182,5 +183,5 @@ def wet_friction(dry: Array, normal: Array, slip_speed: Array, radius: Array, co
     pressed = normal > 0.0
     scale = required(constants.sommerfeld_number, "sommerfeld_number") * jnp.where(pressed, normal, 1.0)
     film = constants.dynamic_viscosity * slip_speed * radius
-    thickness = film / jnp.maximum(scale, film / FULL_FILM)
+    thickness = quotient(film, jnp.maximum(scale, film / FULL_FILM))
     return wet + (dry - wet) * jnp.where(pressed, jnp.exp(-thickness), 0.0)

@@ -10,8 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxdem.particles.cohesion import CapillaryBridge, CohesionConstants, Gap, VanDerWaals
 from jaxdem.particles.contact import Contact, ContactForce, ContactMaterial, HertzMindlin, LinearSpringDashpot
 from jaxdem.particles.integrate import Motion, ParticleProperties, kick
+from jaxdem.particles.lubrication import LubricationConstants, wet_friction
 from jaxdem.particles.materials import surroundings
 from jaxdem.particles.pair_forces import pair_sizes
 from jaxdem.particles.rolling import ConstantDirectionalTorque, ElasticPlasticSpringDashpot, Rotation
@@ -147,6 +149,36 @@ def test_small_grains_that_do_not_touch_have_no_slope_in_single_precision(law, s
 
     slopes = jax.grad(kept, (0, 1))(*in_single(slip, slip * 5e-13))
     assert all(float(slope[0]) == 0.0 for slope in slopes)
+
+
+def test_slopes_of_wet_friction_of_small_grains_that_do_not_touch_are_finite():
+    """At 1e-12 of the radius the force is 1e-20 N, and without slip the Sommerfeld number is zero."""
+    film = LubricationConstants(*in_single(1e-3, 1e-7, 1e-5, 0.05, 1e-3))
+
+    def friction(normal, slip, radius):
+        return jnp.sum(wet_friction(0.5, normal, slip, radius, film))
+
+    slopes = jax.grad(friction, (0, 1, 2))(*in_single(2e-20, 0.0, 5e-4))
+    assert all(np.isfinite(slope[0]) for slope in slopes) and slopes[0][0] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("law", "gap", "volume"), [(VanDerWaals(), 1e-10, ()), (CapillaryBridge(), 1e-7, (1e-20,))], ids=["dry", "bridge"]
+)
+def test_slopes_of_the_attraction_of_fine_powder_in_contact(law, gap, volume):
+    """Of grains of 1 um whose gap is the smallest there is, by their distance, as in double precision."""
+    numbers = {"strength": 1e-19, "minimum_gap": gap, "cutoff": 1e-8, "contact_angle": 0.2, "liquid_viscosity": 1e-3}
+
+    def pull(overlap, radius, kept, dtype):
+        given = CohesionConstants(**{name: jnp.full(1, value, dtype) for name, value in numbers.items()})
+        found = law(Gap(overlap, 2.0 * radius, 2.0 * radius, radius, jnp.ones_like(radius)), given, kept)
+        return jnp.sum(found.pull if found.damping is None else found.pull + found.damping)
+
+    slopes = {}
+    for dtype in (jnp.float32, jnp.float64):
+        state = *(jnp.full(1, value, dtype) for value in (1e-11, 5e-7)), tuple(jnp.full(1, v, dtype) for v in volume)
+        slopes[dtype] = np.ravel(jax.tree.leaves(jax.grad(pull, (0, 1, 2))(*state, dtype)))
+    np.testing.assert_allclose(slopes[jnp.float32], slopes[jnp.float64], rtol=1e-3)
 
 
 @pytest.mark.parametrize("size", [1e-6, 1e-10, 1e-14, 1e-18])
