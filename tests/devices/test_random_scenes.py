@@ -24,6 +24,8 @@ from tests.cases.tiers import COMBINATION
 
 DEVICES, SCENES, DIAMETER = 2, 5, 0.02
 PERIODIC = {"kind": "periodic"}
+FILM = {"cutoff": 2e-3, "roughness": 2e-5, "viscosity": 0.5}
+"""It resists sliding and rolling too, as strongly as the contacts of these grains do."""
 
 
 def grains(size, count, **more):
@@ -78,7 +80,7 @@ RANDOM = {
             [0.2, 0.08, 0.06],
             24,
             boundary={name: PERIODIC for name in ("left", "right", "front", "back")},
-            contact={"rolling_friction": 0.1, "rolling_model": "epsd"},
+            contact={"rolling_friction": 0.1, "rolling_model": "epsd", "lubrication": FILM},
         ),
         None,
     ),
