@@ -52,6 +52,12 @@ CASES = [
     ("materials.0.young_modulus", 5e7, LINEAR | MATERIALS, {"contact.law": "hertz_mindlin"}),
     ("materials.0.poisson_ratio", 0.2, LINEAR | MATERIALS, {"contact.law": "hertz_mindlin"}),
     ("coupling.kernel_width", 2.0, WATER | {"coupling.void_fraction": "centre"}, {"coupling.void_fraction": "kernel"}),
+    (
+        "coupling.kernel_diameter",
+        "own",
+        WATER | {"coupling.void_fraction": "centre"},
+        {"coupling.void_fraction": "kernel"},
+    ),
     ("coupling.own_volume", "grain", WATER, {"particles.coarse_grain": 1.5}),
     ("boundary.top.ramp_time", 0.2, WATER | OUTLETS, {"boundary.top.kind": "inlet"}),
     ("heat.exchange", "ranz_marshall", HEAT, WARM),

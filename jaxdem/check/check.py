@@ -271,7 +271,7 @@ def _memory(
         count, dimension = state.particles.position.shape
         grid, real = coupling.interval.solver.grid, np.dtype(state.particles.position.dtype)
         place: Any = np.zeros((1, dimension), real)
-        of_one = coupling.deposition.weights(grid, place, place[0, 0])
+        of_one = coupling.deposition.weights(grid, place, np.ones((), real))  # type: ignore[arg-type]
         memory["kernel weights"] = count * of_one.index.size * (of_one.index.itemsize + real.itemsize)
     memory = {name: size for name, size in memory.items() if size}
     return memory | {RUNNING: WORKING_COPIES * sum(memory.values())}

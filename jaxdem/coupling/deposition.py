@@ -48,6 +48,31 @@ class Kernel:
 
 
 @static
+class OwnKernel:
+    """A `Kernel` of each particle's own width, max(multiple of its diameter, multiple of the cell side) per axis.
+
+    Attributes:
+        half_width: of the largest particle along every axis [m].
+        diameters: multiple of the diameter [-].
+        cells: multiple of the cell side [-].
+    """
+
+    half_width: tuple[float, ...]
+    diameters: float
+    cells: float
+
+    def weights(self, grid: Grid, position: Array, radius: Array) -> Weights:
+        """See `Deposition`."""
+        xp = namespace(position)
+        by_size = xp.broadcast_to(xp.asarray(2.0 * self.diameters * radius, position.dtype), position.shape[:1])
+        # A radius that is not that of the start, as in a gradient, does not reach beyond the cells that there are.
+        own = tuple(
+            xp.clip(by_size, self.cells * h, half) for h, half in zip(grid.spacing, self.half_width, strict=True)
+        )
+        return kernel_weights(grid, self.half_width, position, own)
+
+
+@static
 class Centre:
     """All of a particle in the cell of its centre (particle-centroid method). Jumps from cell to cell.
 

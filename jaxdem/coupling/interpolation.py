@@ -147,17 +147,22 @@ class Weights(NamedTuple):
     along_axes: tuple[tuple[Array, Array], ...] | None = None
 
 
-def kernel_weights(grid: Grid, half_width: tuple[float, ...], position: Array) -> Weights:
+def kernel_weights(
+    grid: Grid, half_width: tuple[float, ...], position: Array, own: tuple[Array, ...] | None = None
+) -> Weights:
     """Weights of particles at `position` (N, D) [m].
 
     Args:
         grid: the grid.
-        half_width: of the kernel along every axis [m].
+        half_width: of the widest kernel along every axis [m].
         position: (N, D) [m].
+        own: half-width of each particle's kernel along every axis, (N,), at most `half_width` [m]; None: all have that.
     """
     xp, halo = namespace(position), halo_of(grid, half_width)
-    axes = range(grid.dimension)
-    per_axis = tuple(_axis_weights(grid, axis, half_width[axis], position[:, axis], halo) for axis in axes)
+    per_axis = tuple(
+        _axis_weights(grid, axis, half_width[axis], position[:, axis], halo, None if own is None else own[axis])
+        for axis in range(grid.dimension)
+    )
     index, weight, counts = [], [], grid.cells if halo is None else halo.cells
     for combination in itertools.product(*(range(i.shape[1]) for i, _ in per_axis)):
         flat, product = xp.zeros((), xp.int32), xp.ones((), position.dtype)
@@ -281,15 +286,18 @@ def _smoothed(weights: Weights, field: Array) -> Array:
     return field
 
 
-def _axis_weights(grid: Grid, axis: int, half_width: float, position: Array, halo: Halo | None) -> tuple[Array, Array]:
-    """Cell indices and weights along one axis, (N, reach) each."""
+def _axis_weights(
+    grid: Grid, axis: int, half_width: float, position: Array, halo: Halo | None, own: Array | None
+) -> tuple[Array, Array]:
+    """Cell indices and weights along one axis, (N, reach) each; see `kernel_weights`."""
     count, spacing = grid.whole_cells[axis], grid.spacing[axis]
     reach, xp = cells_under(half_width, spacing), namespace(position)
     scaled = position / spacing
-    width = half_width / spacing
+    half = half_width if own is None else own
+    width = half_width / spacing if own is None else own[:, None] / spacing
     # Compilers compute this once for the indices and once for the weights. Subtracting before dividing leaves
     # them no product to fuse with a sum, so that both round alike where the kernel ends on a cell's side.
-    first = xp.floor((position - half_width) / spacing).astype(xp.int32)
+    first = xp.floor((position - half) / spacing).astype(xp.int32)
     columns = first[:, None] + xp.arange(reach, dtype=xp.int32)[None]
     # Distances from the first cell, not from the box, keep the digits of positions far from the origin.
     offset = (scaled - first)[:, None] - xp.arange(reach + 1, dtype=position.dtype)[None]

@@ -26,7 +26,7 @@ class Width(Section):
     """Half-width of the deposition kernel, per axis: the larger of a multiple of the diameter d and of the cell side h.
 
     Attributes:
-        diameters: multiple of the (largest) diameter d [-].
+        diameters: multiple of the diameter d, see `coupling.kernel_diameter` [-].
         cells: multiple of the cell side h [-].
     """
 
@@ -52,9 +52,11 @@ class Coupling(Section):
         void_fraction: how the volume of particles is distributed over the cells: "kernel" (triangular kernel), "centre"
             (all in the cell of the centre), "divided" (by the volume in each cell) or "diffusion" (divided, then
             smoothed).
-        kernel_width: half-width of the kernel: {diameters, cells}, or one number for both multiples. Diameters are of
-            the largest grain, and all grains have the same kernel. For "diffusion": half-width of the triangular kernel
-            that has the same variance as the Gaussian.
+        kernel_width: half-width of the kernel: {diameters, cells}, or one number for both multiples; see
+            `kernel_diameter`. For "diffusion": half-width of the triangular kernel that has the same variance as the
+            Gaussian.
+        kernel_diameter: whose diameter the kernel's width counts: that of the "largest" grain, so that all grains have
+            one kernel, or each grain's "own".
         polydisperse: whether the drag law is taken at the local mean diameter (Sauter's) and shared out among the sizes
             (van der Hoef, Beetstra & Kuipers). Without it each grain has the law at its own diameter.
         interval: coupling interval, the time between two exchanges; particles enter and leave at its end. It must
@@ -80,6 +82,7 @@ class Coupling(Section):
     drag_times: Abscissae | None = None
     void_fraction: Literal["kernel", "centre", "divided", "diffusion"] = "kernel"
     kernel_width: Annotated[Width, ReadWith(".void_fraction = kernel", ".void_fraction = diffusion")] = Width()
+    kernel_diameter: Annotated[Literal["largest", "own"], ReadWith(".void_fraction = kernel")] = "largest"
     interval: Positive | Literal["auto"] = "auto"
     lift: tuple[Literal["saffman_mei", "magnus"], ...] = ()
     rotational_drag: bool = Field(default=False, strict=True)
@@ -115,6 +118,16 @@ class Coupling(Section):
         """One factor, or one for each of the times."""
         given = self.drag_factor if isinstance(self.drag_factor, tuple) else None
         check_table("drag_times", self.drag_times, "drag_factor", given)
+        return self
+
+    @model_validator(mode="after")
+    def _one_kernel_where_it_counts(self) -> Coupling:
+        """What stands on the filter of one kernel knows no other."""
+        if self.kernel_diameter == "own":
+            for key in ("self_disturbance", "deconvolution"):
+                if getattr(self, key):
+                    limit = f"with coupling.{key}, which is for one kernel of all grains"
+                    raise wrong("kernel_diameter", "own", limit, f'set it to "largest", or remove coupling.{key}')
         return self
 
     @model_validator(mode="after")

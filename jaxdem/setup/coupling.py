@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 from jaxdem.coupling.coarse_inputs import CoarseInputs
 from jaxdem.coupling.coupled import Coupling
-from jaxdem.coupling.deposition import Centre, Deposition, Diffusion, Divided, Kernel
+from jaxdem.coupling.deposition import Centre, Deposition, Diffusion, Divided, Kernel, OwnKernel
 from jaxdem.coupling.drag import DragModel
 from jaxdem.coupling.forces import FORCES, Basset, FluidForce, RotationalDrag, VirtualMass
 from jaxdem.coupling.forces.lift import Lift
@@ -124,6 +124,8 @@ def _deposition(table: CouplingTable, grid: Grid, diameter: float) -> Deposition
             f"the kernel of a particle reaches {reached:.3g} cells, and may reach {MOST_KERNEL_CELLS:,}",
             'narrow the kernel, use fewer cells, or set coupling.void_fraction = "diffusion", which allows any width',
         )
+    if table.kernel_diameter == "own":
+        return OwnKernel(half_width, table.kernel_width.diameters, table.kernel_width.cells)
     return Kernel(half_width)
 
 

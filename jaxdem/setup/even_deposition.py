@@ -19,7 +19,8 @@ from collections.abc import Callable
 import numpy as np
 from scipy.ndimage import binary_dilation
 
-from jaxdem.coupling.deposition import Centre, Deposition
+from jaxdem.coupling.deposition import Centre, Deposition, OwnKernel
+from jaxdem.errors import InputError
 from jaxdem.fluid.grid import Grid
 
 TURNS = 30
@@ -45,7 +46,14 @@ def even_factors(
         open_cells: open part of every cell.
         distance: points (..., D) [m] -> (...) [m], positive in the fluid.
         radius: of the largest particle [m].
+
+    Raises:
+        InputError: grains have kernels of different widths, and each would need factors of its own.
     """
+    if isinstance(deposition, OwnKernel):
+        limit = "beside walls that the fluid sees, where cells have one factor for the kernel of all grains"
+        remedy = 'set it to "largest", or coupling.void_fraction = "divided" or "diffusion"'
+        raise InputError("coupling.kernel_diameter", "own", limit, remedy)
     factors = np.ones(grid.cells)
     if isinstance(deposition, Centre):
         return factors

@@ -94,6 +94,7 @@ COUPLED: Tables = {
         "drag": "koch_hill",
         "void_fraction": "kernel",
         "kernel_width": {"diameters": 1.5, "cells": 1.0},
+        "kernel_diameter": "largest",
         "interval": 0.005,
         "lift": ["saffman_mei"],
         "rotational_drag": True,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jaxdem
-from jaxdem.coupling.deposition import Centre, Diffusion, Divided, Kernel, gaussian_matrix, sphere_points
+from jaxdem.coupling.deposition import Centre, Diffusion, Divided, Kernel, OwnKernel, gaussian_matrix, sphere_points
 from jaxdem.coupling.interpolation import deposit, deposit_on_faces, interpolate_faces
 from jaxdem.coupling.void_fraction import solid_fraction
 from jaxdem.fluid.grid import Grid, face_total
@@ -155,3 +155,78 @@ def test_the_volume_of_a_grain_far_smaller_than_a_cell_is_not_rounded_away():
 
     assert state.particles.position.dtype == jnp.float32
     assert float(volume_error(state)) < 1e-6
+
+
+def test_each_grain_has_the_kernel_of_its_own_size():
+    """What a grain gives to the cells is what a kernel of its width gives, and the smallest width is that of cells."""
+    grid = Grid((9, 8), (0.18, 0.16), 0.02, (True, False))
+    position, random = places(grid), np.random.default_rng(2)
+    radius = random.choice([0.001, 0.006, 0.02], len(position))
+    widest = tuple(max(1.5 * 0.04, 0.5 * h) for h in grid.spacing)
+    volume = random.uniform(1.0, 2.0, len(position))
+
+    @jax.jit
+    def spread(position, radius, volume):
+        return deposit(grid, OwnKernel(widest, 1.5, 0.5).weights(grid, position, radius), volume)
+
+    expected = np.zeros(grid.cells)
+    for size in np.unique(radius):
+        own, half = radius == size, tuple(max(3.0 * size, 0.5 * h) for h in grid.spacing)
+        weights = Kernel(half).weights(grid, position[own], np.asarray(size))
+        expected += deposit(grid, weights, volume[own])
+    found = np.asarray(spread(position, radius, volume))
+    assert found.sum() == pytest.approx(volume.sum(), rel=ROUND_OFF)
+    np.testing.assert_allclose(found, expected, atol=1e-14)
+    of_largest = deposit(grid, Kernel(widest).weights(grid, position, radius), volume)
+    assert np.max(np.abs(of_largest - expected)) > 0.5
+
+
+@pytest.mark.parametrize(
+    "tables",
+    [
+        {"coupling": {"deconvolution": 0.1}},
+        {"coupling": {"self_disturbance": True}},
+        {"walls": [{"kind": "plane", "point": [0.0, 0.03], "normal": [0.0, 1.0], "fluid": "no_slip"}]},
+    ],
+)
+def test_own_kernels_are_refused_where_there_is_one_for_all(tables):
+    """Corrections for one kernel, and factors of cells beside walls in the fluid, are made for the kernel of all."""
+    scene = {
+        "domain": {"size": [0.2, 0.1], "depth": 0.02},
+        "particles": {"position": [[0.05, 0.05], [0.15, 0.06]], "radius": [0.01, 0.005], "density": 2500.0},
+        "contact": {"young_modulus": 1e7, "speed": 0.1},
+        "fluid": {"cells": [10, 5], "density": 1000.0, "viscosity": 1e-4, "time_step": 1e-3},
+        "time": {"end": 0.01, "output_interval": 0.01},
+    } | tables
+    scene["coupling"] = {"kernel_diameter": "own", **tables.get("coupling", {})}
+    with pytest.raises(jaxdem.InputError, match="kernel_diameter"):
+        jaxdem.build(jaxdem.load_scene(scene))
+
+
+def test_a_bed_of_two_sizes_with_kernels_of_their_own_keeps_its_momentum():
+    """Grains of 2 and 10 mm that sink in water at rest: what they gain the water loses, and all volume is there."""
+    random = np.random.default_rng(3)
+    position = np.stack(np.meshgrid(np.linspace(0.02, 0.18, 5), np.linspace(0.03, 0.17, 4)), axis=-1).reshape(-1, 2)
+    simulation, parameters = jaxdem.build(
+        scene := jaxdem.load_scene(
+            {
+                "precision": "float64",
+                "domain": {"size": [0.2, 0.2], "depth": 0.02, "gravity": [0.0, 0.0]},
+                "particles": {
+                    "position": position.tolist(), "radius": random.choice([0.001, 0.005], len(position)).tolist(),
+                    "density": 2500.0, "velocity": random.normal(0.0, 0.1, position.shape).tolist(),
+                },
+                "contact": {"young_modulus": 1e7, "speed": 0.5},
+                "fluid": {"cells": [10, 10], "density": 1000.0, "viscosity": 1e-4, "time_step": 1e-3},
+                "boundary": {side: {"kind": "periodic"} for side in ("left", "right", "bottom", "top")},
+                "coupling": {"kernel_diameter": "own", "kernel_width": {"diameters": 3.0, "cells": 0.5}},
+                "time": {"end": 0.002, "output_interval": 0.002},
+            }
+        )
+    )  # fmt: skip
+    assert isinstance(simulation.coupling.deposition, OwnKernel)
+    start, neighbors = jaxdem.initial_state(scene, simulation, parameters)
+    end, _, told = jax.jit(simulation.step)(parameters, start, neighbors)
+    assert float(told.exchange.momentum) < 1e-14
+    assert float(told.exchange.volume) < 1e-13
+    assert not np.allclose(end.particles.velocity, start.particles.velocity, atol=1e-3)
