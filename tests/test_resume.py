@@ -17,7 +17,7 @@ import pytest
 from jaxdem import InputError, RunError, load_run, load_scene, simulate
 from jaxdem.failures import OF_PARTICLES, failures, first_meaning
 from jaxdem.io import scene_text
-from jaxdem.particles import neighbor_search as neighbor_module
+from jaxdem.particles import list_room
 from jaxdem.run import chunk
 from jaxdem.run.chunk import Records
 from jaxdem.run.restart import origin
@@ -286,8 +286,8 @@ def test_too_few_neighbour_slots_change_nothing(scene, whole, tmp_path, monkeypa
 
     But for rounding, for more slots are another program: XLA joins other products and sums into one operation.
     """
-    monkeypatch.setattr(neighbor_module, "USUAL_SLOTS", {2: 1, 3: 1})
-    monkeypatch.setattr(neighbor_module, "EXTRA_CAPACITY", 1.0)
+    monkeypatch.setattr(list_room, "USUAL_SLOTS", {2: 1, 3: 1})
+    monkeypatch.setattr(list_room, "EXTRA_CAPACITY", 1.0)
     tight = simulate(scene, tmp_path / "run")
     counts = tight.summary["counts"]
     assert counts["neighbor_resizes"] > 0
@@ -304,8 +304,8 @@ def test_too_few_neighbour_slots_change_nothing(scene, whole, tmp_path, monkeypa
 @COMBINATION
 def test_what_else_is_wrong_after_an_overflow_does_not_count(scene, whole, tmp_path, monkeypatch):
     """Particles that missed their contacts may be lost or too fast: the interval is done again all the same."""
-    monkeypatch.setattr(neighbor_module, "USUAL_SLOTS", {2: 1, 3: 1})
-    monkeypatch.setattr(neighbor_module, "EXTRA_CAPACITY", 1.0)
+    monkeypatch.setattr(list_room, "USUAL_SLOTS", {2: 1, 3: 1})
+    monkeypatch.setattr(list_room, "EXTRA_CAPACITY", 1.0)
 
     def worse(simulation, diagnostics):
         code = failures(simulation, diagnostics)
@@ -367,7 +367,7 @@ def test_a_failed_run_keeps_its_frames_and_says_why(scene, tmp_path, monkeypatch
 
     def failing(loop, count):
         if loop.done + count > 5:
-            loop._raise(4, loop.state)
+            loop._raise(4, loop.state, None)
         return advance(loop, count)
 
     monkeypatch.setattr(TimeLoop, "_advance", failing)

@@ -166,9 +166,6 @@ def with_cut_cells(grid: Grid, boundary: Boundary, inverse, coefficient):  # typ
     """A preconditioner for a coefficient that surfaces make small or zero on some faces: the inverse with a constant
     coefficient, over the mean of that on open faces, plus one over the diagonal in cells where this is small.
 
-    The inverse is computed in float32, in a solve in float64 too: there it takes most of the time, and what it rounds
-    changes the number of iterations alone.
-
     Args:
         grid: the grid.
         boundary: sides.
@@ -191,7 +188,7 @@ def with_cut_cells(grid: Grid, boundary: Boundary, inverse, coefficient):  # typ
     mean = content / number / whole
     own = 1.0 / jnp.where(has_fluid, diagonal, mean * whole)
     local = OF_SMALL * jnp.maximum(own - 1.0 / (mean * whole), 0.0)
-    return lambda r: inverse(r.astype(jnp.float32)).astype(r.dtype) / mean + local * r
+    return lambda r: inverse(r) / mean + local * r
 
 
 def _conjugate_gradients(grid, operator, inverse, b, tolerance, centred):  # type: ignore[no-untyped-def]

@@ -125,8 +125,11 @@ def _room(one: ContactBody, other: ContactBody, dimension: int) -> tuple[float, 
 
     own = min(room * crowd(one, other), one.others(other))
     back = min(room * crowd(other, one), other.others(one))
-    more = crowd(one, other)
-    return back * one.mass / (own * other.mass), more, math.ceil(one.others(other) / more)
+    more, there = crowd(one, other), one.others(other)
+    count = math.ceil(there / more)
+    if count < room:
+        more = there / count  # of all that there are, and not of as many as there is room for
+    return back * one.mass / (own * other.mass), more, count
 
 
 def _linearised(

@@ -91,6 +91,24 @@ def test_a_grain_may_lie_in_a_corner_of_a_mesh():
     assert limit(mesh) == corner < limit()
 
 
+def test_one_small_grain_among_large_ones_counts_once():
+    """Of grains 180 times smaller a large one has room for hundreds. One, five or all of them have nearly one limit:
+    that of a small grain between large ones."""
+
+    def limit(number):
+        x = np.stack(np.meshgrid(*[0.02 + 0.02 * np.arange(30)] * 2), axis=-1).reshape(-1, 2)[: number + 5]
+        tables = {
+            "domain": {"size": [0.64, 0.64], "gravity": [0.0, 0.0]},
+            "particles": {"radius": [0.009] * 5 + [5e-5] * number, "density": 2650.0, "position": x.tolist()},
+            "contact": {"speed": 1.0},
+            "time": {"end": 1e-3, "output_interval": 1e-3},
+        }
+        return steps.time_steps(jaxdem.load_scene(tables)).limits["contact_stability"]
+
+    limits = [limit(number) for number in (1, 5, 50, 800)]
+    assert max(limits) < 1.2 * min(limits)
+
+
 def neighbours(*numbers):
     """A stiff kind of particles, and a soft one, by how many there are."""
     return [Neighbours(ROUGH._replace(normal=9.0), 2.0, numbers[0], 0), Neighbours(SMOOTH, 2.0, numbers[1], 1)]
