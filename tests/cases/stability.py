@@ -321,6 +321,7 @@ def contact_limit(name: str, material: str, **contact: Any) -> Limit:
 HELD = {
     "jkr": {"kind": "jkr", "work_of_adhesion": 1.8e-5},
     "dmt": {"kind": "dmt", "work_of_adhesion": 6e-7},
+    "sjkr": {"kind": "sjkr", "energy_density": 5.2e3},
 }
 """Cohesion by which two particles rest at about the overlap of `DEPTH`, without another force."""
 
