@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 from jax import Array
 
-from jaxdem.coupling.interpolation import Weights, kernel_weights, point_weights
+from jaxdem.coupling.interpolation import KernelWidth, Weights, kernel_weights, point_weights
 from jaxdem.fluid.grid import Grid
 from jaxdem.numerics.host import namespace
 from jaxdem.numerics.static import static
@@ -49,25 +49,23 @@ class Kernel:
 
 @static
 class OwnKernel:
-    """A `Kernel` of each particle's own width, max(multiple of its diameter, multiple of the cell side) per axis.
+    """A `Kernel` of each particle's own width.
 
     Attributes:
         half_width: of the largest particle along every axis [m].
-        diameters: multiple of the diameter [-].
-        cells: multiple of the cell side [-].
+        width: by the diameter of each.
     """
 
     half_width: tuple[float, ...]
-    diameters: float
-    cells: float
+    width: KernelWidth
 
     def weights(self, grid: Grid, position: Array, radius: Array) -> Weights:
         """See `Deposition`."""
         xp = namespace(position)
-        by_size = xp.broadcast_to(xp.asarray(2.0 * self.diameters * radius, position.dtype), position.shape[:1])
+        by_size = xp.broadcast_to(xp.asarray(2.0 * self.width.diameters * radius, position.dtype), position.shape[:1])
         # A radius that is not that of the start, as in a gradient, does not reach beyond the cells that there are.
         own = tuple(
-            xp.clip(by_size, self.cells * h, half) for h, half in zip(grid.spacing, self.half_width, strict=True)
+            xp.clip(by_size, self.width.cells * h, half) for h, half in zip(grid.spacing, self.half_width, strict=True)
         )
         return kernel_weights(grid, self.half_width, position, own)
 

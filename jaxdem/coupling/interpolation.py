@@ -37,7 +37,7 @@ class KernelWidth:
     """Half-width of the kernel, max(diameters d, cells h) per axis; static.
 
     Attributes:
-        diameters: multiple of the largest particle diameter [-].
+        diameters: multiple of the particle diameter [-].
         cells: multiple of the cell side [-].
     """
 

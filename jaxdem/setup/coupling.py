@@ -106,7 +106,8 @@ def _deposition(table: CouplingTable, grid: Grid, diameter: float) -> Deposition
         return Centre((0.0,) * grid.dimension)
     if table.void_fraction == "divided":
         return Divided((0.5 * diameter,) * grid.dimension)
-    half_width = KernelWidth(table.kernel_width.diameters, table.kernel_width.cells).half_widths(grid, diameter)
+    width = KernelWidth(table.kernel_width.diameters, table.kernel_width.cells)
+    half_width = width.half_widths(grid, diameter)
     for axis, (half, length) in enumerate(zip(half_width, grid.size, strict=True)):
         # Two cells and a half-width on either side must not meet themselves round a periodic box.
         if grid.periodic[axis] and 2.0 * half + 2.0 * grid.spacing[axis] > length:
@@ -125,7 +126,7 @@ def _deposition(table: CouplingTable, grid: Grid, diameter: float) -> Deposition
             'narrow the kernel, use fewer cells, or set coupling.void_fraction = "diffusion", which allows any width',
         )
     if table.kernel_diameter == "own":
-        return OwnKernel(half_width, table.kernel_width.diameters, table.kernel_width.cells)
+        return OwnKernel(half_width, width)
     return Kernel(half_width)
 
 

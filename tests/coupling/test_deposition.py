@@ -9,7 +9,7 @@ import pytest
 
 import jaxdem
 from jaxdem.coupling.deposition import Centre, Diffusion, Divided, Kernel, OwnKernel, gaussian_matrix, sphere_points
-from jaxdem.coupling.interpolation import deposit, deposit_on_faces, interpolate_faces
+from jaxdem.coupling.interpolation import KernelWidth, deposit, deposit_on_faces, interpolate_faces
 from jaxdem.coupling.void_fraction import solid_fraction
 from jaxdem.fluid.grid import Grid, face_total
 from tests.cases import extremes
@@ -167,7 +167,7 @@ def test_each_grain_has_the_kernel_of_its_own_size():
 
     @jax.jit
     def spread(position, radius, volume):
-        return deposit(grid, OwnKernel(widest, 1.5, 0.5).weights(grid, position, radius), volume)
+        return deposit(grid, OwnKernel(widest, KernelWidth(1.5, 0.5)).weights(grid, position, radius), volume)
 
     expected = np.zeros(grid.cells)
     for size in np.unique(radius):
