@@ -1,10 +1,9 @@
 """The three cases of Dosta et al. (2024) as smaller twins: a silo, a drum mixer, and the impact of a ball.
 
 Same geometry, materials but for their stiffness, friction and restitution; larger and fewer spheres, of soft contacts.
-What each twin changes stands in `TWINS`. `--cost` advances a part of the full cases instead, with their stiffness and
-step, and tells what the whole would take.
+`benchmarks/dosta_full.py` has the impact at full size, and what the full cases cost.
 
-    python benchmarks/dosta.py [--only silo,drum,impact] [--folder runs/dosta] [--cost]
+    python benchmarks/dosta.py [--only silo,drum,impact] [--folder runs/dosta]
 
 Source: M. Dosta et al., Comput. Phys. Commun. 296 (2024) 109066.
 """
@@ -28,6 +27,7 @@ import jaxdem  # noqa: E402
 from benchmarks import harness  # noqa: E402
 from jaxdem.io import Run  # noqa: E402
 from jaxdem.io.run_folder import is_complete  # noqa: E402
+from jaxdem.mixing import mixing_index  # noqa: E402
 
 M2 = {"density": 2000.0, "restitution": 0.4, "friction": 0.4}
 """Material M2 in place of M1, stiffness apart."""
@@ -143,7 +143,7 @@ def drum(folder: Path, given: argparse.Namespace) -> dict[str, Any]:
         for place, there in places.items():
             for kind, of in (("small", small), ("large", ~small)):
                 counts[f"{kind}_{place}"].append(int(np.sum(there & of)))
-        index.append(lacey(x, radius, small))
+        index.append(mixing_index(x, small, 0.02, radius**3, origin=(-0.1, -0.1)))
         slope.append(surface_angle(x))
     late = times >= 0.5 * times[-1]
     probe = run.probes["drum"]
@@ -154,27 +154,6 @@ def drum(folder: Path, given: argparse.Namespace) -> dict[str, Any]:
         "power_late_w": -float(np.mean(power[np.asarray(probe["time"]) >= 0.5 * times[-1]])),
         "energy": energy(run), **cost(run, seconds),
     }  # fmt: skip
-
-
-def lacey(x: np.ndarray, radius: np.ndarray, small: np.ndarray, cells: int = 10) -> float:
-    """Mixing index of Lacey, 0 where the kinds are apart and 1 where they are mixed at random, by volume.
-
-    M = (s0^2 - s^2) / (s0^2 - sr^2), with s^2 the variance of the volume fraction of the small ones over square cells,
-    weighted by the volume in each, s0^2 = p (1 - p), and sr^2 = s0^2 / n with n spheres in a cell of mean volume.
-
-    Source: P. M. C. Lacey, J. Appl. Chem. 4 (1954) 257-268.
-    """
-    volume = np.asarray(radius, float) ** 3
-    edges = np.linspace(-0.1, 0.1, cells + 1)
-    whole, own = (np.histogram2d(*x.T, bins=(edges, edges), weights=w)[0] for w in (volume, volume * small))
-    used = whole > 0.05 * whole.max()
-    share, weight = own[used] / whole[used], whole[used]
-    mean = float(np.sum(own[used]) / np.sum(weight))
-    variance = float(np.sum(weight * (share - mean) ** 2) / np.sum(weight))
-    apart = mean * (1.0 - mean)
-    number = float(np.sum(weight) ** 2 / np.sum(weight**2))  # cells that are filled
-    random = apart * number / (np.sum(volume) ** 2 / np.sum(volume**2))
-    return float((apart - variance) / (apart - random))
 
 
 def surface_angle(x: np.ndarray, columns: int = 8) -> float:

@@ -17,7 +17,7 @@ MODULES = {
 
 FLOORS = (
     {"errors", "version", "numerics"},
-    {"files", "metrics"},
+    {"files", "metrics", "mixing"},
     {"particles", "fluid", "closures", "solids", "io"},
     {"coupling", "particle_files"},
     {"scalars"},

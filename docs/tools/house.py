@@ -47,6 +47,7 @@ HOLDS = {
     "io": "files of a run",
     "files": "reading of any file",
     "metrics": "nine metrics",
+    "mixing": "mixing index",
     "errors": "errors",
     "version": "version",
     "numerics": "vectors, pairs of floats",
