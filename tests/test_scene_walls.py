@@ -122,6 +122,38 @@ def test_walls_need_particles_and_tables():
     assert shape.key == "walls" and "(2,)" in str(shape)
 
 
+def test_the_stable_step_counts_walls_that_are_functions():
+    """A grain alone in a box with a floor, and in a periodic one on a floor that is a function: one limit. Without the
+    function there is nothing to be stable against. A slope of 1.04 makes the wall stiffer by as much."""
+    around, alone = tables(), tables()
+    around["boundary"] = {side: {"kind": "periodic"} for side in ("left", "right")}
+    alone["boundary"] = {side: {"kind": "periodic"} for side in ("left", "right", "bottom", "top")}
+    around["domain"]["gravity"] = alone["domain"]["gravity"] = [0.0, 0.0]
+
+    def limit(given, *functions):
+        return build(load_scene(given), walls=functions)[0].steps.limits["contact_stability"]
+
+    exact = limit(around)
+    assert math.isinf(limit(alone)) and limit(alone, lambda x: x[1] - 0.1) == exact
+    assert limit(alone, lambda x: 1.04 * (x[1] - 0.1)) == pytest.approx(exact / 1.04, rel=1e-6)
+    # In a corner of two functions, as in that of a function and a side of the box.
+    corner = limit(around, lambda x: x[0] - 0.1)
+    assert limit(alone, lambda x: x[1] - 0.1, lambda x: x[0] - 0.1) == corner < exact
+    longer = {**alone, "contact": alone["contact"] | {"time_step": 1.2 * exact, "law": "hertz_mindlin"}}
+    error = refusal(longer, lambda given: build(load_scene(given), walls=[lambda x: x[1] - 0.1]))
+    assert error.key == "contact.time_step" and "stable" in str(error)
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+def test_a_function_whose_slope_is_not_one_is_refused(factor):
+    """A grain would touch it at twice or half of its radius. Where a smooth union rounds a corner the slope is less."""
+    scene = load_scene(tables())
+    error = refusal(None, lambda _: build(scene, walls=[lambda x: factor * (x[1] - 0.1 - 0.2 * x[0])]))
+    assert error.key == "walls" and f"{1.0 / (factor * math.hypot(1.0, 0.2)):.3g} of its radius" in str(error)
+    build(scene, walls=[lambda x: -0.02 * jnp.log(jnp.exp((0.1 - x[0]) / 0.02) + jnp.exp((0.1 - x[1]) / 0.02))])
+    build(scene, walls=[lambda x: factor * (x[1] + 1.0)])  # not met in the box
+
+
 def test_a_wall_must_be_the_same_along_a_periodic_axis():
     sides = {"boundary": {"left": {"kind": "periodic"}, "right": {"kind": "periodic"}}}
     load_scene(tables(PLANE) | sides)

@@ -46,6 +46,7 @@ from jaxdem.setup.started_fluid import kept_liquid
 from jaxdem.setup.started_particles import StartedParticles
 from jaxdem.setup.surroundings import surroundings_of
 from jaxdem.setup.time_steps import time_steps
+from jaxdem.setup.wall_functions import wall_functions
 from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters, State
 
@@ -210,7 +211,8 @@ def build_case(
     boundary = scene_boundary(scene, extensions.get("inlet_profiles"), extensions.get("side_conditions"))
     particles, fluid = _particles(scene, start), fluid_setup(scene, kept_liquid(scene, start))
     check_magnitudes(scene, NO_BODIES if particles is None else particles.bodies)
-    steps = time_steps(scene, fluid, particles, Fraction(0) if start is None else start.time)
+    own_walls = wall_functions(extensions.get("walls") or (), scene, dtype)
+    steps = time_steps(scene, fluid, particles, Fraction(0) if start is None else start.time, own_walls)
     clock = None if start is None else start.clock(steps.interval)
     population = contact = interval = coupling = None
     seen = FluidWalls()

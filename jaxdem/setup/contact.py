@@ -79,7 +79,7 @@ def contact_interval(
     """
     scene, search, sides = particles.scene, _search(particles), _box_walls(particles, population)
     functions = extensions.get("walls") or ()
-    surfaces = scene_surfaces(scene, functions, dtype)
+    surfaces = scene_surfaces(scene, functions)
     times = wall_times(particles, functions, steps.interval)
     check_coincident(scene, sides, surfaces, times, 2.0 * particles.spheres.smallest_radius)
     motions, pistons = surface_motions(scene, len(functions), len(sides))

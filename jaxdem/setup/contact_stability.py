@@ -14,10 +14,15 @@ from jaxdem.setup.contact_bodies import ContactBody, ContactConstants, crowding,
 from jaxdem.setup.contact_limit import ROOM, Neighbours, contact_stability_limit
 from jaxdem.setup.lubrication import largest_resistance, largest_shear
 from jaxdem.setup.particles import ParticleSetup
+from jaxdem.setup.wall_functions import NO_FUNCTIONS, WallFunctions
 
 
 def contact_stability(
-    particles: ParticleSetup, bodies: Sequence[ContactBody], speed: float, overlap: float | None = None
+    particles: ParticleSetup,
+    bodies: Sequence[ContactBody],
+    speed: float,
+    overlap: float | None = None,
+    own_walls: WallFunctions = NO_FUNCTIONS,
 ) -> float:
     """Stability limit of the contact step [s].
 
@@ -31,6 +36,9 @@ def contact_stability(
         bodies: kinds of particles, and walls.
         speed: largest to expect [m/s].
         overlap: of all contacts in place of the expected one [m].
+        own_walls: of the user. With a slope s the overlap o of a wall is s times the way of a grain x. So the stiffness
+            dF/dx is s dF/do, and an impact is as deep in o as one that is sqrt(s) times as fast, so that dF/do goes
+            with s^0.2: a step that is shorter by 1/s counts for all terms.
     """
     scene, contact = particles.scene, particles.contact
     grains = [body for body in bodies if not body.is_wall]
@@ -78,7 +86,7 @@ def contact_stability(
         not wraps and length <= 2.0 * large for wraps, length in zip(scene.periodic, scene.domain.size, strict=True)
     )
     # A particle may lie in a corner of a mesh.
-    surfaces = sum(scene.dimension if wall.kind == "mesh" else 1 for wall in scene.walls)
+    surfaces = own_walls.number + sum(scene.dimension if wall.kind == "mesh" else 1 for wall in scene.walls)
     walls = min(scene.dimension, scene.periodic.count(False) + surfaces)
     bonds = bond_growth(particles)
     limits = []
@@ -91,7 +99,7 @@ def contact_stability(
         mass = body.mass / crowding(particles)  # of a clump with so many times the contacts of a sphere
         wall = touching(body, None)
         limits.append(contact_stability_limit(mass, scene.dimension, found, wall, walls, thin, bonds))
-    return min(limits)
+    return min(limits) / own_walls.slope
 
 
 def _pooled(grains: Sequence[ContactBody]) -> list[ContactBody]:

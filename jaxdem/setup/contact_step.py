@@ -19,6 +19,7 @@ from jaxdem.setup.contact_bodies import ContactBody, contact_bodies, effective
 from jaxdem.setup.contact_stability import contact_stability
 from jaxdem.setup.lubrication import lubrication_time
 from jaxdem.setup.particles import ParticleSetup
+from jaxdem.setup.wall_functions import NO_FUNCTIONS, WallFunctions
 from jaxdem.setup.wall_motion import fastest_wall
 
 ATTRACTION = 0.2
@@ -43,12 +44,15 @@ class ContactStep(NamedTuple):
     speed_limit: float
 
 
-def contact_step(particles: ParticleSetup, boundary_speed: float) -> ContactStep:
+def contact_step(
+    particles: ParticleSetup, boundary_speed: float, own_walls: WallFunctions = NO_FUNCTIONS
+) -> ContactStep:
     """The contact step for the materials, sizes and speeds of a scene.
 
     Args:
         particles: of the scene.
         boundary_speed: largest that a boundary or the initial fluid imposes [m/s].
+        own_walls: of the user.
 
     Raises:
         InputError: the given step is unstable, or impacts would overlap too far.
@@ -64,7 +68,7 @@ def contact_step(particles: ParticleSetup, boundary_speed: float) -> ContactStep
             if not body.is_wall
         )
     limits["contact_duration"] = _shortest_contact(particles, bodies, speed)
-    limits["contact_stability"] = contact_stability(particles, bodies, speed)
+    limits["contact_stability"] = contact_stability(particles, bodies, speed, own_walls=own_walls)
     bonded = bond_limit(bond_growth(particles))
     if math.isfinite(bonded):
         limits["bond_stability"] = bonded

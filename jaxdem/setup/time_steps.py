@@ -12,6 +12,7 @@ from jaxdem.setup.contact_step import ContactStep, contact_step
 from jaxdem.setup.fluid import FluidSetup
 from jaxdem.setup.fluid_step import LONGEST_INTERVAL, fluid_steps, given_interval, whole
 from jaxdem.setup.particles import ParticleSetup
+from jaxdem.setup.wall_functions import NO_FUNCTIONS, WallFunctions
 from jaxdem.setup.wall_motion import check_displacement, check_pistons
 from jaxdem.structure import Clock, TimeSteps
 
@@ -23,7 +24,11 @@ MOST_INTERVALS = 2**31 - 1
 
 
 def time_steps(
-    scene: Scene, fluid: FluidSetup | None, particles: ParticleSetup | None, begin: Fraction = Fraction(0)
+    scene: Scene,
+    fluid: FluidSetup | None,
+    particles: ParticleSetup | None,
+    begin: Fraction = Fraction(0),
+    own_walls: WallFunctions = NO_FUNCTIONS,
 ) -> TimeSteps:
     """The steps of a scene, the automatic ones chosen, the given ones checked.
 
@@ -32,6 +37,7 @@ def time_steps(
         fluid: of it.
         particles: of it.
         begin: time at which it begins [s].
+        own_walls: of the user.
 
     Raises:
         InputError: a given step is unstable or does not fit the others.
@@ -63,7 +69,7 @@ def time_steps(
         expected_overlap=None,
         speed_limit=None,
     )
-    return steps if particles is None else _with_contacts(steps, contact_step(particles, speed), particles)
+    return steps if particles is None else _with_contacts(steps, contact_step(particles, speed, own_walls), particles)
 
 
 def clock_of(begin: Fraction, step: int, interval: float) -> Clock | None:

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 
-import jax
-import numpy as np
 from jax import Array
 
 from jaxdem.errors import InputError
@@ -29,27 +27,15 @@ def surfaces_of(wall: Wall) -> tuple[Surface, ...]:
     return wedge(wall.apex or (), wall.directions or ())
 
 
-def scene_surfaces(
-    scene: Scene, functions: Sequence[Callable[[Array], Array]], dtype: np.dtype[np.floating]
-) -> tuple[Surface, ...]:
+def scene_surfaces(scene: Scene, functions: Sequence[Callable[[Array], Array]]) -> tuple[Surface, ...]:
     """The walls of the scene, then those given as functions.
 
     Args:
         scene: the scene.
-        functions: signed distances, see `Extensions`.
-        dtype: of the positions.
-
-    Raises:
-        InputError: a function gives something else than one number.
+        functions: signed distances, looked at by `wall_functions`.
     """
     surfaces = [surface for wall in scene.walls for surface in surfaces_of(wall)]
-    for function in functions:
-        shape = jax.eval_shape(function, jax.ShapeDtypeStruct((scene.dimension,), dtype)).shape
-        if shape != ():
-            limit = f"a distance is one number for a point ({scene.dimension},), got the shape {shape}"
-            raise InputError("walls", function, limit, "return a scalar")
-        surfaces.append(DistanceFunction(function))
-    return tuple(surfaces)
+    return (*surfaces, *map(DistanceFunction, functions))
 
 
 def wall_times(
