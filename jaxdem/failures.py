@@ -28,6 +28,7 @@ class Failure(enum.IntFlag):
     TOO_FAST = 256
     WALL_COMES = 512
     PISTON_GONE = 1024
+    PISTON_MEETS = 2048
 
 
 MEANING = {
@@ -39,6 +40,10 @@ MEANING = {
         "a wall that a force holds and that the fluid sees has no fluid beside it",
         "it is outside of the box, or has pushed the fluid out: place it inside, end the run before, change its force "
         "or damping, or make the box longer",
+    ),
+    Failure.PISTON_MEETS: (
+        "a wall that a force holds and that the fluid sees meets another wall, and walls do not push each other",
+        "end the run before, place the walls further apart, put grains between them, or change its force or damping",
     ),
     Failure.COURANT: (
         "the Courant number is above fluid.courant_limit with 8 fluid steps in a coupling interval",
@@ -109,6 +114,8 @@ def failures(simulation: Structure, diagnostics: Diagnostics) -> Array:
         if fluid.response is not None and simulation.walls_in_fluid is not None:
             beside = [piston.touches(fluid.response) for piston in simulation.walls_in_fluid.pistons]
             found.append((Failure.PISTON_GONE, ~jnp.stack(beside).all()))
+            if fluid.response.gap is not None:
+                found.append((Failure.PISTON_MEETS, (fluid.response.gap <= 0.0).any()))
     if diagnostics.exchange is not None:
         lowest = diagnostics.exchange.void_fraction
         found.append((Failure.VOID_FRACTION, ~(lowest >= MINIMUM_VOID_FRACTION)))

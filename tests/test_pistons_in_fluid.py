@@ -11,10 +11,11 @@ import pytest
 from jaxdem import build, initial_state, load_scene, simulate
 from jaxdem.coupling.pistons_in_fluid import FluidOnWalls, PistonInFluid, under_load
 from jaxdem.errors import RunError
-from jaxdem.failures import failures
+from jaxdem.failures import Failure, failures
 from jaxdem.fluid import momentum_step
 from jaxdem.fluid.surface_response import SurfaceResponse
 from jaxdem.particles.moving_walls import PistonNumbers, PistonState
+from jaxdem.run.diagnosis import diagnosis
 from tests.cases.pistons_in_fluid import DENSITY, DEPTH, STEP, before_column, column, march, scene_of
 from tests.cases.tiers import COMBINATION, tiered
 from tests.test_fluid_walls import refusal
@@ -61,6 +62,52 @@ def test_a_piston_that_leaves_the_fluid_stops_the_run(force, tmp_path):
         simulate(load_scene(given), tmp_path / "run")
     assert "walls.0" in caught.value.where and caught.value.time < 1.0
     assert "walls.1" not in caught.value.where
+
+
+def facing(x, force):
+    """A body on the middle line of a box, pushed along it."""
+    body = {"kind": "cylinder", "center": [x, 0.093], "radius": 0.03, "inside": False, "fluid": "no_slip"}
+    return body | {"piston": {"direction": [1.0, 0.0], "force": force, "mass": 0.06}}
+
+
+def test_pistons_that_meet_stop_the_run():
+    """Two bodies pushed against each other mirror each other until they touch; both are named. Their gap, where the
+    interval ends, is what their ways have left of it: off by less than the tenth of a cell that the nearest corners are
+    off the line."""
+    given = scene_of(facing(0.13, 2.0), [0.4, 0.2], [16, 8], boundary={"top": {"kind": "outlet"}})
+    given["walls"].append(facing(0.27, -2.0))
+    given["particles"]["position"] = [[0.2, 0.18]]
+    scene = load_scene(given)
+    simulation, parameters = build(scene)
+    state, neighbors = initial_state(scene, simulation, parameters)
+    step, code = jax.jit(simulation.step), 0
+    while code == 0:
+        before = state
+        state, neighbors, told = step(parameters, state, neighbors)
+        code = int(failures(simulation, told))
+        at_end = before.particles.pistons.displacement + STEP * before.particles.pistons.velocity
+        left = 0.08 - float(at_end[0] - at_end[1])
+        assert float(told.fluid.response.gap[0, 1]) == pytest.approx(left, abs=0.0025)
+        assert (code != 0) == (float(told.fluid.response.gap[0, 1]) <= 0.0)
+        if left > 0.03:
+            np.testing.assert_allclose(*np.abs(state.particles.pistons.velocity), rtol=1e-6)
+    assert Failure(code) == Failure.PISTON_MEETS
+    reason, where, remedy = diagnosis(simulation, parameters, code, before, state, told)
+    assert "meets another wall" in reason and remedy
+    assert "walls.0 (meets walls.1)" in where and "walls.1 (meets walls.0)" in where
+
+
+def test_a_piston_may_slide_along_its_guide():
+    """It touches it from the start. What lies ahead of it, it must not meet."""
+    given = before_column(0.01)
+    given["walls"] += [
+        {"kind": "plane", "point": [0.0, 0.02], "normal": [0.0, 1.0], "fluid": "free_slip"},
+        {"kind": "plane", "point": [0.39, 0.0], "normal": [-1.0, 0.0], "fluid": "free_slip"},
+        {"kind": "cylinder", "center": [0.2, 0.15], "radius": 0.02, "inside": False, "fluid": "free_slip", "end": 0.1},
+    ]
+    given["boundary"] |= {"top": {"kind": "outlet"}, "right": {"kind": "free_slip"}}
+    (piston,) = build(load_scene(given))[0].walls_in_fluid.pistons
+    assert piston.apart == ((2, 2), (3, 3))
 
 
 def test_light_pistons_that_share_their_fluid_do_not_swing():

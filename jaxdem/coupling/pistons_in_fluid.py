@@ -21,14 +21,19 @@ Causin, J. F. Gerbeau, F. Nobile, Comput. Methods Appl. Mech. Eng. 194 (2005) 45
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from jax import Array
+import numpy as np
+from jax import Array, lax
 
+from jaxdem.fluid.grid import Grid
 from jaxdem.fluid.surface_response import SurfaceResponse
+from jaxdem.numerics.blocks import largest
 from jaxdem.numerics.compensated import Pair
+from jaxdem.numerics.host import namespace
 from jaxdem.numerics.static import static
 from jaxdem.particles.moving_walls import Numbers, PistonNumbers, PistonState
 
@@ -43,6 +48,8 @@ class PistonInFluid:
         surfaces: its surfaces, among those that the fluid sees.
         direction: unit vector that it moves along, D numbers.
         displaced: V, volume of fluid that it displaces; 0 of a plane or wedge, which has no other side [m3].
+        apart: surfaces among those that the fluid sees, each with its wall in the scene, which it must not meet: those
+            of other walls that it does not touch where the scene has it.
     """
 
     number: int
@@ -50,10 +57,34 @@ class PistonInFluid:
     surfaces: tuple[int, ...]
     direction: tuple[float, ...]
     displaced: float = 0.0
+    apart: tuple[tuple[int, int], ...] = ()
 
     def touches(self, response: SurfaceResponse) -> Array:
         """() bool, whether there is fluid beside it."""
         return jnp.any(response.area[jnp.asarray(self.surfaces)] > 0.0)
+
+
+def gaps_of(grid: Grid, pistons: Sequence[PistonInFluid], distances: Sequence[Array]) -> Array:
+    """(H, S) gaps between each of H pistons and the surfaces that it must not meet; the size of the box for others [m].
+
+    The least over the corners of the mesh of the sum of two signed distances, each from -h up: not less than the gap of
+    bodies that are apart, and larger by what the nearest corner is off the line of the shortest way. Where they meet it
+    is 0 and below. Deeper than a cell within a body the distance of another one may not be known.
+
+    Args:
+        grid: the mesh of the fluid.
+        pistons: H of them.
+        distances: of all surfaces at the corners, positive in the fluid [m].
+    """
+    xp, depth = namespace(distances[0]), min(grid.spacing)
+    shallow = [xp.maximum(distance, -depth) for distance in distances]
+    found = []
+    for piston in pistons:
+        own = xp.min(xp.stack([shallow[k] for k in piston.surfaces]), axis=0)
+        apart, far = {number for number, _ in piston.apart}, xp.asarray(math.hypot(*grid.size), own.dtype)
+        found.append(xp.stack([xp.min(own + d) if k in apart else far for k, d in enumerate(shallow)]))
+    gaps = xp.stack(found)
+    return gaps if xp is np else -largest(grid.blocks, -lax.stop_gradient(gaps))
 
 
 class FluidOnWalls(NamedTuple):

@@ -20,7 +20,7 @@ from jax import Array
 from jaxdem.coupling.body_grid import BodyGrid
 from jaxdem.coupling.new_cells import in_new_bodies, in_new_cells
 from jaxdem.coupling.open_parts import cut_cells, on_corners, places_in_box
-from jaxdem.coupling.pistons_in_fluid import PistonInFluid
+from jaxdem.coupling.pistons_in_fluid import PistonInFluid, gaps_of
 from jaxdem.coupling.surface_velocity import swept, with_velocity
 from jaxdem.errors import required
 from jaxdem.fluid.cut_cells import CutCells
@@ -184,7 +184,8 @@ class WallsInFluid:
         cut = self.with_velocities(self.cut(still, now), now, numbers, end, means)
         if self.pistons:
             units = tuple(self._unit_swept(still, cut, now, means, piston) for piston in self.pistons)
-            cut = cut._replace(unit_swept=units, interval=duration)
+            gaps = gaps_of(self.grid, self.pistons, now)
+            cut = cut._replace(unit_swept=units, interval=duration, piston_gaps=gaps)
         xp = namespace(now[0])
         cut = cut._replace(distance=xp.min(xp.stack([on_corners(self.grid, d) for d in now]), axis=0))
         return cut, self._swept(still, cut, now, means)

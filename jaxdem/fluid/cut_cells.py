@@ -60,6 +60,7 @@ class CutCells(NamedTuple):
         unit_swept: of every piston, see `coupling.pistons_in_fluid`, `swept` at a speed of 1 m/s alone; None without
             pistons [1/m].
         interval: () length of the coupling interval; None without pistons [s].
+        piston_gaps: (H, S) between pistons and the surfaces that they must not meet; None without pistons [m].
         renewed: () bool, a surface has come or vanished since the last interval; None where none does in the run.
     """
 
@@ -76,6 +77,7 @@ class CutCells(NamedTuple):
     distance: Array | None = None
     unit_swept: tuple[Array, ...] | None = None
     interval: Array | None = None
+    piston_gaps: Array | None = None
     renewed: Array | None = None
 
     @property

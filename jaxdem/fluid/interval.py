@@ -191,8 +191,8 @@ class FluidInterval:
         pistons = None if properties.cut is None else properties.cut.unit_swept
         response = None
         if pistons is not None:
-            blank = jnp.zeros((count, size), dtype)
-            response = SurfaceResponse(jnp.stack([blank] * len(pistons)), blank, blank)
+            blank, gap = jnp.zeros((count, size), dtype), jnp.zeros((len(pistons), count), dtype)
+            response = SurfaceResponse(jnp.stack([blank] * len(pistons)), blank, blank, gap)
         return StepSums(load, gradient, on_surfaces, flux, response)
 
     def choose(self, properties: FluidProperties, state: FluidState, time: Array) -> Substeps:

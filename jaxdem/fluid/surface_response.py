@@ -26,11 +26,13 @@ class SurfaceResponse(NamedTuple):
         friction: (S, D) on every surface, along each axis, when it changes its speed along this axis and the fluid
             beside it does not yet follow: the largest that it can be [N s/m].
         area: (S, D) of every surface that fluid touches, sizes of the components across the axes summed [m2].
+        gap: (H, S) between each piston and the surfaces that it must not meet, see `CutCells`; None without [m].
     """
 
     pressure: Array
     friction: Array
     area: Array
+    gap: Array | None = None
 
 
 def surface_response(
@@ -56,6 +58,7 @@ def surface_response(
     held = tuple(-face_control_volume(grid, axis).astype(dtype) * f for axis, f in enumerate(friction))
     by_friction = surface_loads(grid, cut, SurfaceShares(held, cells), count)[:, :, 0]
     units: Sequence[Array] = cut.unit_swept or ()
+    gap = cut.piston_gaps
     found, cut = [], cut._replace(spin=None)
     wet = tuple(map(jnp.abs, stress_on_cuts(grid, cut, jnp.ones((), dtype), jnp.zeros((), dtype))))
     area = surface_loads(grid, cut, SurfaceShares(still, wet), count)[:, :, 0]
@@ -65,4 +68,4 @@ def surface_response(
         pressure, _ = solve_pressure(grid, boundary, coefficient, source, tolerance, cut.open_cells > 0.0)
         on_cells = stress_on_cuts(grid, cut, pressure, jnp.zeros((), dtype))
         found.append(surface_loads(grid, cut, SurfaceShares(still, on_cells), count)[:, :, 0])
-    return SurfaceResponse(jnp.stack(found), by_friction, area)
+    return SurfaceResponse(jnp.stack(found), by_friction, area, gap)

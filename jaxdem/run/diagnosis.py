@@ -45,13 +45,13 @@ def diagnosis(
         code: flags of the interval, see `jaxdem.failures`.
         before: state at its start.
         reached: state at its end.
-        told: its figures, for a piston that has no fluid beside it.
+        told: its figures, for a piston that has no fluid beside it or meets a wall.
     """
     flag = first_flag(code)
     reason, remedy = MEANING[flag]
     particles = reached.particles
-    if flag == Failure.PISTON_GONE:
-        return reason, _pistons(simulation, before, told), remedy
+    if flag in (Failure.PISTON_GONE, Failure.PISTON_MEETS):
+        return reason, _pistons(simulation, flag, before, told), remedy
     if before.particles is None or particles is None or flag not in OF_ONE_PARTICLE:
         return reason, _cell(simulation, flag, reached), remedy
     if flag == Failure.WALL_COMES:
@@ -74,13 +74,20 @@ def diagnosis(
     return reason, where, remedy
 
 
-def _pistons(simulation: Simulation, before: State, told: Diagnostics | None) -> str:
-    """Which of the walls that a force holds has no fluid beside it, and where it is."""
+def _pistons(simulation: Simulation, flag: Failure, before: State, told: Diagnostics | None) -> str:
+    """Which of the walls that a force holds has no fluid beside it, or meets which wall, and where it is."""
     response = required(required(required(told, "figures").fluid, "fluid").response, "response of the fluid")
-    seen = required(simulation.walls_in_fluid, "walls in the fluid").pistons
+    pistons = required(simulation.walls_in_fluid, "walls in the fluid").pistons
     ways = np.asarray(required(required(before.particles, "particles").pistons, "pistons").displacement)
-    gone = [one for one in seen if not bool(one.touches(response))]
-    return ", ".join(f"walls.{one.wall}, {ways[one.number]:.4g} m from where the scene has it" for one in gone)
+    found = {}
+    for one, gaps in zip(pistons, np.asarray(required(response.gap, "gaps of pistons")), strict=True):
+        met = sorted({wall for number, wall in one.apart if gaps[number] <= 0.0})
+        if met if flag == Failure.PISTON_MEETS else not bool(one.touches(response)):
+            others = " and ".join(f"walls.{k}" for k in met)
+            found[one] = f" (meets {others})" if met else ""
+    return ", ".join(
+        f"walls.{one.wall}{met}, {ways[one.number]:.4g} m from where the scene has it" for one, met in found.items()
+    )
 
 
 def _buried(simulation: Simulation, parameters: Parameters, before: State) -> tuple[int, str]:

@@ -12,7 +12,7 @@ import numpy as np
 from jax import Array
 
 from jaxdem.coupling.open_parts import corner_points
-from jaxdem.coupling.pistons_in_fluid import PistonInFluid
+from jaxdem.coupling.pistons_in_fluid import PistonInFluid, gaps_of
 from jaxdem.coupling.walls_in_fluid import FAR, MovingSurface, signed_distance
 from jaxdem.errors import InputError, required
 from jaxdem.fluid.grid import Grid
@@ -29,6 +29,10 @@ from jaxdem.setup.walls import check_presence, surfaces_of
 from jaxdem.solids.clipping import positive_part
 from jaxdem.solids.motion import Drift, RigidMotion, Translation
 from jaxdem.solids.motion_tables import number, placement_of, unit
+
+TOUCHING = 0.01
+"""Gap between a piston and a wall over the size of a cell, up to which they touch from the start: a piston in its guide
+[-]."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -106,15 +110,21 @@ def motion_in_fluid(wall: Wall) -> RigidMotion | None:
 def pistons_in_fluid(scene: Scene, grid: Grid, surfaces: Sequence[SeenSurface]) -> tuple[PistonInFluid, ...]:
     """The pistons among the surfaces that the fluid sees."""
     pistons, found = [k for k, wall in enumerate(scene.walls) if wall.piston is not None], []
+    if any(scene.walls[k].seen_by_fluid for k in pistons):
+        distances: list[Any] = [surface.distance(corner_points(grid)) for surface in surfaces]
     for own in (k for k in pistons if scene.walls[k].seen_by_fluid):
         wall, rows = scene.walls[own], tuple(s.number for s in surfaces if s.wall == own)
         displaced = 0.0
         if wall.kind in ("mesh", "cylinder") and not wall.inside:
-            distance: Any = surfaces[rows[0]].distance(corner_points(grid))
+            distance: Any = distances[rows[0]]
             solid = 1.0 - np.asarray(positive_part(distance, tuple(range(grid.dimension))).fraction)
             displaced = float(np.sum(solid)) * grid.cell_volume
         direction = unit(required(wall.piston, "piston").direction)
-        found.append(PistonInFluid(pistons.index(own), own, rows, direction, displaced))
+        piston = PistonInFluid(pistons.index(own), own, rows, direction, displaced)
+        others = tuple((s.number, s.wall) for s in surfaces if s.wall != own)
+        (gaps,) = np.asarray(gaps_of(grid, [dataclasses.replace(piston, apart=others)], distances))
+        apart = tuple((k, wall) for k, wall in others if gaps[k] > TOUCHING * min(grid.spacing))
+        found.append(dataclasses.replace(piston, apart=apart))
     return tuple(found)
 
 
