@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 import unicodedata
+from collections.abc import Iterable
+from numbers import Integral
 from typing import TypeVar
 
 Part = TypeVar("Part")
@@ -33,6 +35,24 @@ class InputError(JaxdemError):
         given = "" if value is None else f" = {cut(_repr(value))}"
         text = f"{cut(named)}{given}: {cut(limit, 600)}. {sentence(cut(remedy, 600))}"
         super().__init__(visible(text))
+
+
+def is_whole(value: object) -> bool:
+    """Whether a value is a whole number, of Python or NumPy; True and False are none."""
+    return isinstance(value, Integral) and not isinstance(value, bool)
+
+
+def require_whole(of: object, names: Iterable[str], least: int) -> None:
+    """Refuses attributes that are no whole numbers from `least` up, such as 1.5 epochs or a seed of True.
+
+    Raises:
+        InputError: naming the first of them; None is a value that is not given.
+    """
+    for name in names:
+        value = getattr(of, name)
+        for one in value if isinstance(value, (tuple, list)) else (value,):
+            if value is not None and not (is_whole(one) and one >= least):
+                raise InputError(name, value, f"must be a whole number from {least} up", "Give one.")
 
 
 def required(part: Part | None, name: str) -> Part:

@@ -188,6 +188,20 @@ def test_a_closure_that_is_not_one(grains, tmp_path):
     refused(invoke("run", grains, *fluid, "--closure", path, "--out", tmp_path / "run"), str(path), "closure")
 
 
+@pytest.mark.parametrize("option", ["--closure", "--subgrid"])
+def test_a_file_of_an_option_that_a_dry_scene_does_not_read_is_refused_by_the_option(grains, tmp_path, option):
+    """The scene has no [closure] to remove, nor a [fluid] that lacks its cells: it is the option that must go."""
+    result = refused(
+        invoke("run", grains, option, "c.h5", "--out", tmp_path / "run"),
+        f"{option} = ",
+        "needs [fluid]",
+        f"Leave out {option}",
+    )
+    assert "[closure]" not in result.stderr and "cells" not in result.stderr
+    fluid = ("--set", "fluid.cells=[4, 4]", "--set", "fluid.time_step=0.01")
+    refused(invoke("run", grains, *fluid, option, "c.h5", "--out", tmp_path / "run"), f"{option} = ", "is not a file")
+
+
 def test_out_that_is_not_empty(grains, done, tmp_path):
     out, _ = done
     refused(invoke("run", grains, "--out", out), str(out), "not empty", "--resume")
@@ -416,6 +430,36 @@ def test_a_sweep_goes_on_after_a_failed_run_and_where_it_was_stopped(grains, tmp
     assert invoke("sweep", grains, "--out", out, "--vary", f"particles.velocity={STILL}", *SWEEP).exit_code == 0
     assert (out / sound["run"] / "summary.json").stat().st_mtime_ns == before, "a run that is done is not done again"
     refused(invoke(*arguments, "--set", "contact.friction=0.1"), "contact.friction", "same scene")
+
+
+PROBED = """
+[boundary.left]
+particles = "remove"
+[[probes]]
+name = "floor"
+kind = "wall"
+side = "bottom"
+interval = 0.01
+[[probes]]
+name = "layers"
+kind = "profile"
+axis = "z"
+cells = 2
+"""
+
+
+def test_a_sweep_has_the_probes_and_what_parts_of_the_scene_have_put_into_the_history(tmp_path):
+    scene = tmp_path / "scene.toml"
+    scene.write_text(GRAINS.replace("[0.05, 0.02]", "[0.05, 0.01]") + PROBED)
+    assert invoke("sweep", scene, "--out", tmp_path / "sweep", "--vary", "contact.friction=0.1,0.4").exit_code == 0
+    with open(tmp_path / "sweep" / "sweep.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    for row in rows:
+        run = load_run(tmp_path / "sweep" / row["run"])
+        force = run.probes["floor"]["force_z"]
+        assert len(force) == 4 and force.any(), "the floor carries the lowest grain"
+        assert (float(row["floor.force_z_last"]), float(row["floor.force_z_mean"])) == (force[-1], force.mean())
+        assert float(row["present"]) == 3 and not any(name.startswith("layers") for name in row)
 
 
 def test_a_second_sweep_or_comparison_onto_one_folder_is_refused(grains, done, tmp_path):

@@ -58,7 +58,10 @@ def test_forces_of_ones_own_that_nothing_feels_are_refused():
     force = load(ROOT / "examples" / "extending" / "force.py")
     dry = {name: table for name, table in force.SCENE.items() if name not in ("fluid", "coupling")}
     thrust = force.Thrust(size=1e-7)
-    for tables, forces, reason in ((dry, [thrust], "has not both"), (force.SCENE, [thrust] * 2, "another force")):
+    for tables, forces, reason in (
+        (dry, [thrust], "which the scene has not"),
+        (force.SCENE, [thrust] * 2, "another force"),
+    ):
         with pytest.raises(InputError, match=reason):
             build(load_scene(tables), forces=forces)
 

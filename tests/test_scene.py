@@ -10,12 +10,17 @@ from pathlib import Path
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from jaxdem import InputError, build, external_fluid, initial_state, load_scene, rollout, simulate
 from jaxdem.closures import KochHill, SubgridClosure
+from jaxdem.fluid.boundary import Side
+from jaxdem.fluid.inlet import Parabola
+from jaxdem.particles.cohesion import JohnsonKendallRoberts
+from jaxdem.particles.contact import HertzMindlin
 from jaxdem.run.samples import samples_every
 from jaxdem.scene import parse_override
 from jaxdem.setup.extensions import Extensions
@@ -461,6 +466,7 @@ def test_gravity_that_is_set_from_python_is_refused_where_it_is_a_number():
         ("devices", True, "jax.devices"),
         ("devices", [], "jax.devices"),
         ("devices", [1], "jax.devices"),
+        ("devices", np.True_, "jax.devices"),
     ],
 )
 def test_arguments_of_another_kind_are_refused_when_a_scene_is_built(part, value, remedy):
@@ -478,6 +484,28 @@ def test_parts_that_are_none_are_not_given():
 def test_a_subgrid_closure_from_python_is_no_second_model_of_the_eddies():
     with pytest.raises(InputError, match="fluid.smagorinsky = 0.1"):
         build(load_scene(VALID, {"fluid.smagorinsky": 0.1}), subgrid=SubgridClosure.constant(0.0, 1 / 12))
+
+
+def test_parts_that_nothing_in_the_scene_reads_are_refused():
+    """A drag law for dry grains was taken in silence: whoever gave it believed that it acts."""
+    dry = load_scene({name: table for name, table in VALID.items() if name not in ("fluid", "coupling", "boundary")})
+    water = load_scene({name: VALID[name] for name in ("domain", "time", "fluid")})
+    parts = {
+        "closure": KochHill(),
+        "subgrid": SubgridClosure.constant(0.0, 1 / 12),
+        "inlet_profiles": {"left": [Parabola()]},
+        "side_conditions": {"left": Side(axis=0, upper=False, kind="outlet").condition},
+        "walls": [lambda x: x[0]],
+        "contact_law": HertzMindlin(),
+        "cohesion": JohnsonKendallRoberts(),
+    }
+    for scene, names, lacking in (
+        (dry, ("closure", "subgrid", "inlet_profiles", "side_conditions"), r"\[fluid\]"),
+        (water, ("closure", "walls", "contact_law", "cohesion"), r"\[particles\]"),
+    ):
+        for name in names:
+            with pytest.raises(InputError, match=f"^{name} = .given.: needs {lacking}.*Leave it out"):
+                build(scene, **{name: parts[name]})
 
 
 def test_what_is_no_scene_is_refused(tmp_path):
@@ -510,7 +538,7 @@ def test_arguments_of_another_kind_are_refused_by_a_rollout_and_an_initial_state
     for number, value, name in (
         (0, parameters, "simulation"), (1, state, "parameters"), (2, neighbors, "state"), (3, None, "neighbors"),
         (3, state, "neighbors"),
-        (4, -1, "steps"), (4, 1.5, "steps"), (4, "3", "steps"), (4, None, "steps"),
+        (4, -1, "steps"), (4, 1.5, "steps"), (4, "3", "steps"), (4, None, "steps"), (4, True, "steps"),
     ):  # fmt: skip
         with pytest.raises(InputError, match=f"^{name}"):
             rollout(*good[:number], value, *good[number + 1 :])

@@ -87,20 +87,40 @@ def read_scenes(
 
     `resumed` is a run directory, whose own scene knows what it took from the run that it began from.
     """
-    from jaxdem.scene import load_scene
-    from jaxdem.scene.reading import load_chain, require_files
+    from jaxdem.scene.reading import require_files
     from jaxdem.scene.stages import scenes_of
 
-    changed = overrides(settings, closure, subgrid)
-    if len(paths) > 1:
-        scene: Scene = load_chain(paths, changed)
-    else:
-        scene = load_scene(paths[0], changed, None if resumed is None else _own_former(resumed))
+    former = None if resumed is None else _own_former(resumed)
+    try:
+        scene = _loaded(paths, overrides(settings, closure, subgrid), former)
+    except InputError:
+        needed = {"--closure": (closure, ("fluid", "particles")), "--subgrid": (subgrid, ("fluid",))}
+        given = {option: (file, tables) for option, (file, tables) in needed.items() if file is not None}
+        if given:
+            _refuse_unread(scenes_of(_loaded(paths, overrides(settings), former)), given)
+        raise
     for one in scenes_of(scene):
-        require_closure("closure.file", one.closure.file)
-        require_closure("fluid.subgrid", None if one.fluid is None else one.fluid.subgrid)
+        require_closure("closure.file" if closure is None else "--closure", one.closure.file)
+        key = "fluid.subgrid" if subgrid is None else "--subgrid"
+        require_closure(key, None if one.fluid is None else one.fluid.subgrid)
         require_files(one.tables())
     return scene
+
+
+def _loaded(paths: Sequence[Path], changed: dict[str, Any], former: dict[str, Any] | None) -> Scene:
+    from jaxdem.scene import load_scene
+    from jaxdem.scene.reading import load_chain
+
+    return load_chain(paths, changed) if len(paths) > 1 else load_scene(paths[0], changed, former)
+
+
+def _refuse_unread(scenes: Sequence[Scene], given: dict[str, tuple[Path, tuple[str, ...]]]) -> None:
+    """Refuses files of options, each with the tables that a scene needs to read it, where one of them is missing."""
+    for option, (file, tables) in given.items():
+        for scene in scenes:
+            if lacking := " and ".join(f"[{table}]" for table in tables if getattr(scene, table) is None):
+                limit = f"needs {lacking}, which the scene has not"
+                raise InputError(option, str(file), limit, f"Leave out {option}, or add what is missing.")
 
 
 def _own_former(folder: Path) -> dict[str, Any] | None:

@@ -221,8 +221,8 @@ def finetune(
     prepare_file(out, *read)
     if subgrid_out is not None:
         prepare_file(subgrid_out, *read, option="--subgrid-out")
-    require_closure("closure.file", closure)
-    require_closure("fluid.subgrid", stress)
+    require_closure("--closure", closure)
+    require_closure("--subgrid", stress)
     names = _trained(closure, subgrid, trained)
     files = _files(names, out, subgrid_out)
     from jaxdem.io import load_run

@@ -9,7 +9,7 @@ import jax
 import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
-from jaxdem.errors import InputError
+from jaxdem.errors import InputError, is_whole
 from jaxdem.numerics.blocks import MESH_AXIS
 from jaxdem.state import Diagnostics, State
 
@@ -35,12 +35,11 @@ def device_mesh(devices: int | Sequence[jax.Device]) -> Mesh:
     Raises:
         InputError: there are not so many, or it is neither a number nor a list of devices.
     """
-    is_number = isinstance(devices, int) and not isinstance(devices, bool)
-    if not is_number and not (isinstance(devices, Sequence) and devices and all(map(_is_device, devices))):
+    if not is_whole(devices) and not (isinstance(devices, Sequence) and devices and all(map(_is_device, devices))):
         limit = "is neither a number of devices nor a list of them"
         raise InputError("devices", devices, limit, "give a whole number, or some of jax.devices()")
     there = jax.devices()
-    if isinstance(devices, int):
+    if not isinstance(devices, Sequence):
         if not 1 <= devices <= len(there):
             more = "on a CPU set XLA_FLAGS=--xla_force_host_platform_device_count=N before JAX starts"
             remedy = f"ask for 1 to {len(there)}; {more}"

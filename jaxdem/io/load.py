@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxdem.errors import InputError
+from jaxdem.errors import InputError, is_whole
 from jaxdem.io import scene_text
 from jaxdem.io.chain import stage_names
 from jaxdem.io.frames import Frame, FrameSeries
@@ -171,7 +171,7 @@ class Run:
         return series.read(index).arrays if series.exists() else {}
 
     def _checked(self, index: int) -> int:
-        if not -self.number_of_frames <= index < self.number_of_frames:
+        if not is_whole(index) or not -self.number_of_frames <= index < self.number_of_frames:
             raise IndexError(f"frame {index} of {self.number_of_frames} in {self.path}")
         return index % self.number_of_frames
 

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
 
-from jaxdem.errors import InputError
+from jaxdem.errors import InputError, is_whole
 from jaxdem.failures import failures
 from jaxdem.numerics.shapes import with_shapes, zeros_of
 from jaxdem.particles.neighbors import Neighbors
@@ -98,7 +98,7 @@ def _require(
         if not isinstance(value, kind):
             remedy = "give both as jaxdem.initial_state makes them: state, neighbors"
             raise InputError(name, type(value).__name__, f"is no {kind.__name__}", remedy)
-    if not isinstance(steps, (int, np.integer)) or steps < 0:
+    if not is_whole(steps) or steps < 0:  # type: ignore[operator]
         raise InputError("steps", steps, "is no whole number from 0 up", "give the number of coupling intervals")
     if observe is not None and not callable(observe):
         raise InputError("observe", observe, "is no function of the state", "give one, or None")

@@ -23,6 +23,7 @@ from jaxdem.io import Run, load_run, run_folder
 from jaxdem.io.access import LOCK, locked
 from jaxdem.io.run_folder import SCENE
 from jaxdem.metrics import METRICS, compile_time, run_time
+from jaxdem.run.sweep_figures import figures
 from jaxdem.scene import Scene, load_scene, parse_override
 
 if TYPE_CHECKING:
@@ -67,6 +68,7 @@ class SweepRun:
         run_time_s: `metrics.run_time`, without compiling; NaN where not recorded [s].
         compile_time_s: `metrics.compile_time`; NaN where not recorded [s].
         final: the nine metrics at the last output, SI; NaN where missing.
+        further: what else it has, see `figures`.
     """
 
     name: str
@@ -77,6 +79,7 @@ class SweepRun:
     run_time_s: float = math.nan
     compile_time_s: float = math.nan
     final: dict[str, float] = dataclasses.field(default_factory=lambda: {metric.name: math.nan for metric in METRICS})
+    further: dict[str, float] = dataclasses.field(default_factory=dict)
 
     def take(self, run: Run) -> None:
         """What came of the run."""
@@ -85,6 +88,7 @@ class SweepRun:
         self.run_time_s, self.compile_time_s = run_time(run.summary), compile_time(run.summary)
         if run.number_of_frames:
             self.final = {metric.name: float(run.history[metric.name][-1]) for metric in METRICS}
+        self.further = figures(run)
 
 
 @dataclasses.dataclass
@@ -105,10 +109,12 @@ class Sweep:
         text = io.StringIO()
         lines = csv.writer(text, lineterminator="\n")
         names = [metric.name for metric in METRICS]
-        lines.writerow(["run", *self.keys, "valid", "run_time_s", "compile_time_s", *names, "reason"])
+        further = list(dict.fromkeys(name for run in self.runs for name in run.further))
+        lines.writerow(["run", *self.keys, "valid", "run_time_s", "compile_time_s", *names, *further, "reason"])
         for run in self.runs:
             valid = "" if run.valid is None else str(run.valid).lower()
             numbers = [run.run_time_s, run.compile_time_s, *(run.final[name] for name in names)]
+            numbers += [run.further.get(name, math.nan) for name in further]
             lines.writerow([run.name, *run.texts.values(), valid, *map(repr, numbers), run.reason])
         write_bytes(self.table, text.getvalue().encode())
 

@@ -29,7 +29,7 @@ from jaxdem.setup.coupling import check_own_forces, fluid_coupling
 from jaxdem.setup.extensions import Extensions, has_models
 from jaxdem.setup.fluid import fluid_interval, fluid_setup
 from jaxdem.setup.fluid_walls import FluidWalls, fluid_walls
-from jaxdem.setup.given import parts_given, require_built, require_scene
+from jaxdem.setup.given import parts_given, require_built, require_read, require_scene
 from jaxdem.setup.magnitudes import check_magnitudes, check_memory
 from jaxdem.setup.merge import merged
 from jaxdem.setup.parameters import scene_parameters
@@ -206,8 +206,8 @@ def build_case(
     start = read_start(scene) if start is None else start
     dtype = _dtype(scene)
     check_memory(scene)
-    fluids = (scene.fluid is not None) + (scene.surface is not None)
-    check_own_forces(extensions.get("forces") or (), fluids, scene.particles is not None)
+    require_read(scene, closure, extensions)
+    check_own_forces(extensions.get("forces") or (), scene.surface is not None)
     boundary = scene_boundary(scene, extensions.get("inlet_profiles"), extensions.get("side_conditions"))
     particles, fluid = _particles(scene, start), fluid_setup(scene, kept_liquid(scene, start))
     check_magnitudes(scene, NO_BODIES if particles is None else particles.bodies)

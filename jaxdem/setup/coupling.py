@@ -66,16 +66,13 @@ def fluid_coupling(
     return Coupling(fluid, deposition, drag, _named_once((*_further_forces(table), *own)))
 
 
-def check_own_forces(own: Sequence[FluidForce], fluids: int, has_particles: bool) -> None:
-    """Refuses forces of the user where nothing would give or feel them.
+def check_own_forces(own: Sequence[FluidForce], has_surface: bool) -> None:
+    """Refuses forces of the user among two fluids.
 
     Raises:
-        InputError: the scene has no fluid, no particles, or two fluids.
+        InputError: the scene has two fluids.
     """
-    if own and not (fluids and has_particles):
-        limit = "act between fluid and particles, and the scene has not both"
-        raise InputError("forces", [force.name for force in own], limit, "leave them out, or add what is missing")
-    if own and fluids > 1:
+    if own and has_surface:
         limit = "know the density and viscosity of one fluid alone, and the scene has two"
         raise InputError("forces", [force.name for force in own], limit, "leave them out, or remove [surface]")
 

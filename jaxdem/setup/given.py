@@ -83,6 +83,19 @@ _WANTED: dict[str, tuple[Callable[[object], bool], str, str]] = {
 """The test of each argument, what a value is that fails, and the remedy."""
 
 
+_READ_BY: dict[str, tuple[str, ...]] = {
+    "closure": ("fluid", "particles"),
+    "forces": ("fluid", "particles"),
+    "subgrid": ("fluid",),
+    "inlet_profiles": ("fluid",),
+    "side_conditions": ("fluid",),
+    "walls": ("particles",),
+    "contact_law": ("particles",),
+    "cohesion": ("particles",),
+}
+"""Tables that a scene has where something reads the argument; the others are judged beside what reads them."""
+
+
 def require_scene(scene: object) -> None:
     """Refuses what is no scene, such as the path of one.
 
@@ -123,3 +136,22 @@ def parts_given(closure: object, extensions: Mapping[str, object]) -> Extensions
         if not fits(part):
             raise InputError(name, part, limit, remedy)
     return cast(Extensions, given)
+
+
+def require_read(scene: Scene, closure: object, given: Mapping[str, object]) -> None:
+    """Refuses what nothing in the scene reads, such as a drag law for dry grains.
+
+    Args:
+        scene: the scene.
+        closure: drag law; None without.
+        given: see `parts_given`.
+
+    Raises:
+        InputError: a part needs a table that the scene has not.
+    """
+    named = given if closure is None else {"closure": closure, **given}
+    for name, part in named.items():
+        lacking = [f"[{table}]" for table in _READ_BY.get(name, ()) if getattr(scene, table) is None]
+        if part and lacking:
+            limit = f"needs {' and '.join(lacking)}, which the scene has not"
+            raise InputError(name, "given", limit, "leave it out, or add what is missing")

@@ -27,7 +27,7 @@ from jaxdem.closures.base import DragInputs
 from jaxdem.coupling.coarse_inputs import CoarseInputs
 from jaxdem.coupling.interpolation import interpolate_faces
 from jaxdem.coupling.model_b import drag_of_model_a
-from jaxdem.errors import InputError, required
+from jaxdem.errors import InputError, is_whole, required
 from jaxdem.fluid.boundary import Sides
 from jaxdem.fluid.diffusion import stress_divergence
 from jaxdem.fluid.fluid_state import FluidState
@@ -73,6 +73,8 @@ def make_dataset(
         InputError: `out` is a file of a run or is read, the run is not valid, has no samples, or has
             `coupling.self_disturbance`; a factor is not usable, or another key is to differ.
     """
+    if not is_whole(every) or every < 1:
+        raise InputError("every", every, "must be a whole number from 1 up", "give 1 for all samples")
     source = load_run(run)
     refuse_what_is_read("--out", Path(out), (run, *named_files(source.scene)))
     samples = _samples(source)
@@ -115,7 +117,7 @@ def _check(scene: Scene, coarsen: tuple[int, ...]) -> None:
     if required(scene.coupling, "coupling").self_disturbance:
         limit = "its drag law received the slip without the wake of the particle, and samples do not contain this slip"
         raise InputError("coupling.self_disturbance", True, limit, "Run the scene without it for training data.")
-    if any(factor < 1 for factor in coarsen) or len(set(coarsen)) != len(coarsen):
+    if not all(is_whole(factor) and factor >= 1 for factor in coarsen) or len(set(coarsen)) != len(coarsen):
         raise InputError("--coarsen", coarsen, "needs different factors of at least 1", "use, for example, 1,2,4,8")
 
 

@@ -14,7 +14,7 @@ from jax import Array
 from jaxdem.closures.base import DragInputs
 from jaxdem.closures.ensemble import EnsembleClosure
 from jaxdem.closures.file import LearnedClosure, StoredClosure
-from jaxdem.errors import InputError
+from jaxdem.errors import InputError, is_whole
 from jaxdem.train.dataset_file import Dataset
 from jaxdem.train.fit import RECIPES
 from jaxdem.train.fit_evaluate import learned_force, map_rows
@@ -56,7 +56,7 @@ def fit_ensemble(
         InputError: fewer than two members, datasets that do not fit together or cannot be split.
         RunError: the loss of a member becomes non-finite.
     """
-    if members < 2:
+    if not is_whole(members) or members < 2:
         raise InputError("--ensemble", members, "needs at least two members", "For example --ensemble 5.")
     started = time.perf_counter()
     make: Callable[..., Problem] = RECIPES[recipe]

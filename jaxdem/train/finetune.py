@@ -26,7 +26,7 @@ import optax
 from jax import Array
 from scipy.optimize import minimize
 
-from jaxdem.errors import InputError, RunError, sentence
+from jaxdem.errors import InputError, RunError, is_whole, require_whole, sentence
 from jaxdem.failures import first_meaning
 from jaxdem.io import load_run
 from jaxdem.scene import Scene
@@ -76,10 +76,12 @@ class FinetuneSettings:
 
     def __post_init__(self) -> None:
         """Raise InputError for a setting out of its range."""
-        for name in ("updates", "starts", "learning_rate", "largest_gradient"):
+        require_whole(self, ("updates", "starts"), 1)
+        require_whole(self, ("seed",), 0)
+        for name in ("learning_rate", "largest_gradient"):
             if not getattr(self, name) > 0:
                 raise InputError(name, getattr(self, name), "must be positive", "Raise it.")
-        if self.horizons is not None and (not self.horizons or min(self.horizons) < 1):
+        if self.horizons is not None and not (self.horizons and all(is_whole(n) and n >= 1 for n in self.horizons)):
             limit = "needs at least one output in each stage"
             raise InputError("--horizons", self.horizons, limit, "For example 1,2,4.")
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from jaxdem.closures.invariant import FEATURES, check_features, check_terms
 from jaxdem.closures.network import ACTIVATIONS
-from jaxdem.errors import InputError
+from jaxdem.errors import InputError, require_whole
 from jaxdem.train.fit_loop import LOSSES
 
 
@@ -82,13 +82,10 @@ class FitSettings:
                 raise InputError(name, value, "is not known", f"Use one of {', '.join(known)}.")
         if self.schedule not in ("constant", "cosine"):
             raise InputError("schedule", self.schedule, "is not known", "Use constant or cosine.")
-        for name in ("batch", "epochs", "samples", "learning_rate"):
-            if not getattr(self, name) > 0:
-                raise InputError(name, getattr(self, name), "must be positive", "Raise it.")
-        if not self.seed >= 0:
-            raise InputError("seed", self.seed, "must be 0 or more", "Raise it.")
-        if any(width < 1 for width in self.hidden):
-            raise InputError("hidden", self.hidden, "needs a neuron at least in every layer", "For example 170-70-30.")
+        require_whole(self, ("batch", "epochs", "samples", "hidden", "coarsenings"), 1)
+        require_whole(self, ("seed",), 0)
+        if not self.learning_rate > 0:
+            raise InputError("learning_rate", self.learning_rate, "must be positive", "Raise it.")
         check_terms(self.terms)
         check_features(self.features)
         if not 0 < self.held_out_fraction < 1:

@@ -16,7 +16,7 @@ from jax import Array
 
 from jaxdem.closures.moments import MomentBasis
 from jaxdem.closures.neighbors import CONDITIONS, LARGE, Level, NeighborClosure, Width, conditions, quartic
-from jaxdem.errors import InputError, RunError
+from jaxdem.errors import InputError, RunError, require_whole
 from jaxdem.train.fit_loop import Network, Plan, Progress, minimize
 from jaxdem.train.neighbor_scores import scores
 from jaxdem.train.sphere_moments import Targets, group_moments, linear_fit, predicted, targets_of, with_carried
@@ -87,9 +87,10 @@ class NeighborSettings:
         """Raise InputError for a setting out of its range."""
         if self.size not in SIZES:
             raise InputError("size", self.size, "is not known", f"Use one of {', '.join(SIZES)}.")
-        for name in ("batch", "epochs", "learning_rate"):
-            if not getattr(self, name) > 0:
-                raise InputError(name, getattr(self, name), "must be positive", "Raise it.")
+        require_whole(self, ("batch", "epochs", "samples", "hidden"), 1)
+        require_whole(self, ("seed",), 0)
+        if not self.learning_rate > 0:
+            raise InputError("learning_rate", self.learning_rate, "must be positive", "Raise it.")
         if not 0 < self.held_out_fraction < 1:
             raise InputError("held_out_fraction", self.held_out_fraction, "must lie in (0, 1)", "Use 0.1.")
 
