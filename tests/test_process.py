@@ -213,3 +213,23 @@ def test_a_log_has_a_line_a_minute(monkeypatch, capsys):
             assert lines[0] == "jaxdem: preparing and compiling"
             assert lines[-1].startswith("jaxdem: t = 1 of 2 s, ") and lines[-1].endswith(" left")
             assert len(lines) > 6, "the pause stays the same"
+
+
+def test_the_time_left_is_that_of_the_last_minute_without_what_was_compiled_in_it(monkeypatch):
+    """Ten seconds of simulated time a second; then two minutes are compiled, and then it goes half as fast."""
+    now = [0.0]
+    monkeypatch.setattr(progress.clock, "monotonic", lambda: now[0])
+    pace = progress.Pace("s")
+
+    def after(seconds, done, end=1000.0):
+        now[0] += seconds
+        pace.report(done, end)
+        return pace.text()
+
+    assert after(30.0, 10.0) == "", "what came before the first report is no part of it"
+    assert after(1.0, 20.0) == "10 s/s  0:01:38 left"
+    assert after(120.0, 20.0) == ""
+    assert after(1.0, 25.0) == "5 s/s  0:03:15 left"
+    assert after(100.0, 825.0).startswith("8") and after(61.0, 886.0).startswith("1 s/s")
+    assert after(1.0, 3.0, 50.0) == "" and after(1.0, 4.0, 50.0) == "1 s/s  0:00:46 left", "another stage"
+    assert after(1.0, 50.0, 50.0) == ""

@@ -30,8 +30,8 @@ def main() -> None:
     for axes, time in zip(panels, SHOWN, strict=True):
         dye, smoke = draw(axes, run, time)
     panels[0].set(ylabel="z [m]")
-    figure.colorbar(smoke, ax=panels, label="smoke", shrink=0.9, pad=0.01)
-    figure.colorbar(dye, ax=panels, label="dye", shrink=0.9, pad=0.01)
+    figure.colorbar(smoke, ax=panels, label="smoke (air at the start = 1) [-]", shrink=0.9, pad=0.01)
+    figure.colorbar(dye, ax=panels, label="dye (jet = 1) [-]", shrink=0.9, pad=0.01)
     save(figure, "dissolved")
 
 

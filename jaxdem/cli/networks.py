@@ -207,7 +207,6 @@ def finetune(
     updates: options.Updates = 10,
     learning_rate: options.LearningRate = 3e-3,
     method: options.MethodName = options.Method.gradient,
-    seed: options.OrderSeed = 0,
     settings: options.Settings = None,
     quiet: options.Quiet = False,
 ) -> None:
@@ -234,7 +233,7 @@ def finetune(
     from jaxdem.train import finetune as solver
 
     training = solver.FinetuneSettings(
-        horizons=chosen, updates=updates, learning_rate=learning_rate, method=method.value, seed=seed
+        horizons=chosen, updates=updates, learning_rate=learning_rate, method=method.value
     )
     start, metadata = _start(closure, subgrid, names)
     with progress.counted("update", quiet) as report:

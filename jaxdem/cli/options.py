@@ -321,7 +321,3 @@ MethodName = Annotated[
     Method,
     Option("--method", help="gradient: Adam. gradient-free: a search on a few parameters.", rich_help_panel=TRAINING),
 ]
-OrderSeed = Annotated[
-    int,
-    Option("--seed", metavar="N", min=0, help="Random seed of the order of the start times.", rich_help_panel=TRAINING),
-]

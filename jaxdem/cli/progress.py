@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import threading
 import time as clock
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -18,26 +19,46 @@ PAUSE = 60.0
 """Time between two lines of a log [s]."""
 
 
-def pace(done: float, end: float, rate: float, unit: str) -> str:
-    """How fast it goes, and the time left."""
-    hours, rest = divmod(round((end - done) / rate), 3600)
-    speed = f"{rate:.3g} {unit}/s  " if unit else ""
-    return f"{speed}{hours:d}:{rest // 60:02d}:{rest % 60:02d} left"
+class Pace:
+    """How fast work goes and how long it still takes, by what was reported in the last minute.
+
+    Counting begins anew with another end and where a report is no further than the one before: then something else was
+    done in between, such as compiling for a longer neighbour list, and its time says nothing about the rest.
+    """
+
+    def __init__(self, unit: str):
+        self._unit, self._end = unit, 0.0
+        self._seen: deque[tuple[float, float]] = deque()
+
+    def report(self, done: float, end: float) -> None:
+        """So much of the work is done."""
+        if end != self._end or (self._seen and done <= self._seen[-1][1]):
+            self._seen.clear()
+        now = clock.monotonic()
+        while len(self._seen) > 1 and self._seen[1][0] < now - PAUSE:
+            self._seen.popleft()
+        self._end = end
+        self._seen.append((now, done))
+
+    def text(self) -> str:
+        """Rate and time left; empty as long as they are not known."""
+        if not self._seen:
+            return ""
+        (since, start), (until, done) = self._seen[0], self._seen[-1]
+        if done <= start or until <= since or done >= self._end:
+            return ""
+        rate = (done - start) / (until - since)
+        hours, rest = divmod(round((self._end - done) / rate), 3600)
+        speed = f"{rate:.3g} {self._unit}/s  " if self._unit else ""
+        return f"{speed}{hours:d}:{rest // 60:02d}:{rest % 60:02d} left"
 
 
 class _Rate(ProgressColumn):
-    """Progress per second of wall time and the time left, counted from the first report."""
-
-    def __init__(self, unit: str):
-        super().__init__()
-        self.unit = unit
+    """The pace of a task."""
 
     def render(self, task: Task) -> Text:
         """Text of the column."""
-        rate = task.speed
-        if not rate or task.total is None or task.finished or task.stop_time is not None:
-            return Text("")
-        return Text(pace(task.completed, task.total, rate, self.unit))
+        return Text("" if task.finished or task.stop_time is not None else task.fields["pace"].text())
 
 
 class Lines:
@@ -48,8 +69,7 @@ class Lines:
 
     def __init__(self, unit: str, what: str, silent: bool = False):
         self._unit, self._what, self._silent = unit, what, silent
-        self._done = self._end = 0.0
-        self._first: tuple[float, float] | None = None
+        self._pace = Pace(unit)
         self._over = threading.Event()
 
     def __enter__(self) -> Lines:
@@ -60,26 +80,18 @@ class Lines:
     def __exit__(self, *_: object) -> None:
         self._over.set()
 
-    def begin(self, what: str, end: float = 0.0) -> None:
+    def begin(self, what: str) -> None:
         """Other work is under way."""
-        self._what, self._done, self._end, self._first = what, 0.0, end, None
+        self._what, self._pace = what, Pace(self._unit)
 
     def report(self, done: float, end: float, what: str) -> None:
         """So much of the work is done."""
-        if self._first is None:
-            self._first = (clock.monotonic(), done)
-        self._done, self._end, self._what = done, end, what
+        self._what = what
+        self._pace.report(done, end)
 
     def text(self) -> str:
         """The line."""
-        what = self._what
-        if self._first is None:
-            return what
-        since, start = self._first
-        seconds = clock.monotonic() - since
-        if self._done <= start or seconds <= 0.0:
-            return what
-        return f"{what}, {pace(self._done, self._end, (self._done - start) / seconds, self._unit)}"
+        return ", ".join(filter(None, (self._what, self._pace.text())))
 
     def _write(self) -> None:
         while not self._over.wait(PAUSE):
@@ -93,12 +105,14 @@ class Lines:
 def _bar(unit: str, pattern: str, waiting: str, quiet: bool) -> Iterator[Callable[[float, float, str], None]]:
     """A function that is told how far the work is."""
     bar = sys.stdout.isatty() and not quiet
-    with _progress(unit, bar) as progress, Lines(unit, waiting, silent=bar or quiet) as lines:
-        task = progress.add_task(waiting, total=None)
+    with _progress(bar) as progress, Lines(unit, waiting, silent=bar or quiet) as lines:
+        pace = Pace(unit)
+        task = progress.add_task(waiting, total=None, pace=pace)
 
         def report(done: float, end: float, note: str) -> None:
             what = pattern.format(done, end) + note
             if bar:
+                pace.report(done, end)
                 progress.update(task, total=end, completed=done, description=what)
             else:
                 lines.report(done, end, what)
@@ -130,13 +144,15 @@ class StudyDisplay:
     def stage(self, name: str, total: float) -> Callable[[float], None]:
         """A stage of the given length starts; the result is called with how much of it is done."""
         self._finish()
-        task = self._task = self._progress.add_task(name, total=total)
+        pace = Pace("")
+        task = self._task = self._progress.add_task(name, total=total, pace=pace)
         self._lines.begin(name)
 
         def advance(done: float) -> None:
             if self._progress.disable:
                 self._lines.report(done, total, f"{name}, {done / total:.0%}")
             else:
+                pace.report(done, total)
                 self._progress.update(task, completed=done)
 
         return advance
@@ -157,11 +173,10 @@ class StudyDisplay:
 def study_display(quiet: bool = False) -> Iterator[StudyDisplay]:
     """Display of a study; no bars where standard output is not a terminal."""
     bar = sys.stdout.isatty() and not quiet
-    with _progress("", bar) as progress, Lines("", "starting", silent=bar or quiet) as lines:
+    with _progress(bar) as progress, Lines("", "starting", silent=bar or quiet) as lines:
         yield StudyDisplay(progress, lines)
 
 
-def _progress(unit: str, shown: bool) -> Progress:
-    # The rate is a mean over the last minute, as far as there are not more than a thousand reports in it.
-    columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), BarColumn(), _Rate(unit))
-    return Progress(*columns, console=output(), speed_estimate_period=60.0, disable=not shown)
+def _progress(shown: bool) -> Progress:
+    columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), BarColumn(), _Rate())
+    return Progress(*columns, console=output(), disable=not shown)

@@ -39,6 +39,8 @@ PALE = 0.12
 
 LONG_BOX = 2.0
 """Runs side by side stand in fewer columns from this ratio of length to height on."""
+TALL_BOX = 0.5
+"""Times stand side by side up to this ratio of length to height."""
 
 TOP_PERCENTILE = 99.5
 """The top of a scale is this percentile: one stray grain or one cell at an edge does not darken all others."""

@@ -21,6 +21,9 @@ FRACTIONS = (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0)
 
 COLOR = "velocity"
 
+TALLEST = 6.0
+"""Greatest height of a panel [inch]."""
+
 
 def snapshot_times(times: Array) -> list[float]:
     """The few times at which the runs are shown [s]: the reference's outputs nearest to fractions of its span.
@@ -65,16 +68,19 @@ def snapshots_figure(comparison: Comparison, path: Path) -> Path | None:
 def _panels(size: tuple[float, float], runs: int, times: int) -> tuple[Figure, list[list[Axes]], float]:
     """Figure, axes[run][time], and the width of one [inch].
 
-    Long boxes: the runs stand above one another under each time, the times in two columns of such blocks. Other boxes:
-    a row for each time, the runs side by side.
+    Long boxes: the runs stand above one another under each time, the times in two columns of such blocks. Tall boxes:
+    a row for each run, the times side by side, no higher than `TALLEST`. Other boxes: a row for each time, the runs
+    side by side.
     """
     ratio = size[0] / size[1]
-    stacked = ratio >= pictures.LONG_BOX
-    lines, columns = (runs * math.ceil(times / 2), 2) if stacked else (times, runs)
-    width = 6.9 if stacked else max(2.2, min(5.0 / columns**0.5, 4.5 * ratio))
+    stacked, tall = ratio >= pictures.LONG_BOX, ratio <= pictures.TALL_BOX
+    lines, columns = (runs * math.ceil(times / 2), 2) if stacked else (runs, times) if tall else (times, runs)
+    width = 6.9 if stacked else 2.2 if tall else max(2.2, min(5.0 / columns**0.5, 4.5 * ratio))
     # A panel is at least as high as the label of its axis, and has its title above.
-    height = max(width / ratio + 0.35, 0.85) + 0.1
-    figure = style.new_figure(columns * (width + 0.2) + 0.9, lines * height + 2.3, layout="compressed")
+    height = min(max(width / ratio + 0.35, 0.85), TALLEST) + 0.1
+    # Without the space beside narrow panels their titles would lie on each other.
+    layout = "constrained" if tall else "compressed"
+    figure = style.new_figure(columns * (width + 0.2) + 0.9, lines * height + 2.3, layout=layout)
     axes = figure.subplots(lines, columns, squeeze=False, sharex=True, sharey=True)
     for axis in axes.flat:
         axis.locator_params(axis="x", nbins=max(2, int(1.3 * width)))
@@ -85,7 +91,8 @@ def _panels(size: tuple[float, float], runs: int, times: int) -> tuple[Figure, l
         axis.set_xlabel("x [m]")
 
     def of(run: int, time: int) -> Axes:
-        axis: Axes = axes[time // 2 * runs + run, time % 2] if stacked else axes[time, run]
+        place = (time // 2 * runs + run, time % 2) if stacked else (run, time) if tall else (time, run)
+        axis: Axes = axes[place]
         axis.set_visible(True)
         return axis
 

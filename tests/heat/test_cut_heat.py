@@ -189,6 +189,12 @@ def test_a_hot_cylinder_warms_the_stream_and_the_balance_closes(tmp_path):
     # 200 W/m2 from four sides of 4 and 6 mm, 2 mm deep; cells of 2.5 mm cut its corners off.
     area = heat["from_walls_to_fluid"]["block"] / (200.0 * 0.05)
     assert 0.85 < area / (0.02 * 0.002) < 1.0
+    means = {name: run.history[f"{name}_temperature_mean"] for name in ("fluid", "particle")}
+    capacity = heat["grains"] / means["particle"][-1] if heat["grains"] else 0.0
+    at_start = heat["start"] - 300.0 * capacity
+    assert heat["fluid"] / means["fluid"][-1] == pytest.approx(at_start / 300.0, rel=1e-12), (
+        "the mean is of what holds it"
+    )
     last = run.fluid(-1)["temperature"]
     assert last.min() > 299.99 and last.max() < 350.01
 

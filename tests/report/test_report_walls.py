@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import itertools
 import json
 import math
 import re
@@ -266,3 +267,12 @@ def test_a_drum_is_one_picture_for_all_its_angles():
     drum = {"kind": "cylinder", "center": [0.5, 0.5], "radius": 0.4, "motion": [{"kind": "rotation", "rate": 3.0}]}
     scene = {"walls": [drum]}
     assert walls.solid(scene, [1.0, 1.0], 0.2) is walls.solid(scene, [1.0, 1.0], 0.9)
+
+
+def test_the_snapshots_of_tall_boxes_are_no_taller_than_a_page() -> None:
+    """One run of a riser of 0.1 m by 6 m: panels of its own shape would be 130 inches high."""
+    for size, runs in itertools.product(((0.1, 6.0), (0.4, 1.0)), (1, 3)):
+        figure, panels, _ = snapshots._panels(size, runs, 4)
+        width, height = figure.get_size_inches()
+        assert len({id(axis) for line in panels for axis in line}) == 4 * runs
+        assert height <= runs * (snapshots.TALLEST + 0.1) + 2.3 and width == pytest.approx(4 * 2.4 + 0.9)

@@ -39,9 +39,11 @@ class Temperatures(Part):
     def columns(self, case: Case, instant: Instant, means: Means) -> dict[str, float]:
         """Means over the volume of the fluid, and over the heat capacity of the grains."""
         arrays, state, found = self.arrays(case, instant), instant.state, {}
+        own = {} if case.simulation.scalars is None else {field.name: field for field in case.simulation.scalars.fields}
         for name, values in arrays.get("fluid", {}).items():
             column = "fluid_temperature_mean" if name == "temperature" else f"scalar_{name}_mean"
-            weights = np.broadcast_to(_weights(case, state, name), values.shape)
+            part = 1.0 if name == TEMPERATURE else _part(state, own[name])
+            weights = np.broadcast_to(_room(case, state) * part, values.shape)
             found[column] = float(np.average(np.asarray(values, float), weights=weights)) if weights.any() else np.nan
         if grains := arrays.get("particles"):
             capacity, values = np.asarray(_capacities(case), float), np.asarray(grains["temperature"], float)
@@ -180,20 +182,6 @@ def _seen(state: State, field: ScalarField, values: np.ndarray) -> np.ndarray:
         return values
     part = np.asarray(_part(state, field))
     return np.where(part > least_volume(values), values, 0.0).astype(values.dtype)
-
-
-def _weights(case: Case, state: State, name: str) -> np.ndarray | float:
-    """Of the cells in the mean of a scalar: the volume of the fluid that holds it [-]."""
-    scalars, found = required(case.simulation.scalars, "scalars"), required(state.scalars, "scalars")
-    if found.capacity is not None:
-        return np.asarray(found.capacity, float)
-    given = None if state.fluid is None else state.fluid.void_fraction
-    share = 1.0 if given is None else np.asarray(given, float)
-    cut = None if case.parameters.fluid is None else case.parameters.fluid.cut
-    if cut is not None:
-        share = np.asarray(cut.open_cells, float) * share
-    own = next(field for field in scalars.fields if field.name == name)
-    return share if name == TEMPERATURE else share * _part(state, own)
 
 
 def _contents(state: State, case: Case) -> dict[str, float]:
