@@ -59,6 +59,8 @@ def snapshots_figure(comparison: Comparison, path: Path) -> Path | None:
                     why = f"ended at t = {row.end_time:.3g} s" if time > row.end_time else "no frame at this time"
                     axis.text(0.5, 0.5, why, transform=axis.transAxes, ha="center", va="center", color=style.INVALID)
         pictures.add_legends(figure, figure.axes, shown, tops, COLOR, figure.get_figwidth() - 0.9)
+        for axis in (axis for line in panels for axis in line):
+            axis.set_anchor("NW")  # of a panel that is narrower than its title, which begins where it does
         views = {pictures.view(row.run, shot) for row, line in zip(rows, shots, strict=True) for shot in line if shot}
         if view := max(views, key=len):
             figure.supxlabel(view, fontsize=10)
@@ -83,7 +85,10 @@ def _panels(size: tuple[float, float], runs: int, times: int) -> tuple[Figure, l
     figure = style.new_figure(columns * (width + 0.2) + 0.9, lines * height + 2.3, layout=layout)
     axes = figure.subplots(lines, columns, squeeze=False, sharex=True, sharey=True)
     for axis in axes.flat:
-        axis.locator_params(axis="x", nbins=max(2, int(1.3 * width)))
+        if tall:  # no room for more
+            axis.set_xticks([size[0]])
+        else:
+            axis.locator_params(axis="x", nbins=max(2, int(1.3 * width)))
         axis.set_visible(False)
     for axis in axes[:, 0]:
         axis.set_ylabel("height [m]")
