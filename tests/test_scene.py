@@ -486,6 +486,12 @@ def test_a_subgrid_closure_from_python_is_no_second_model_of_the_eddies():
         build(load_scene(VALID, {"fluid.smagorinsky": 0.1}), subgrid=SubgridClosure.constant(0.0, 1 / 12))
 
 
+def test_an_angle_in_degrees_is_told_in_radians():
+    wet = {"kind": "capillary", "surface_tension": 0.07, "contact_angle": 20, "liquid_content": 0.02}
+    with pytest.raises(InputError, match=r"contact_angle = 20: .*for 20 degrees write 0\.3491"):
+        load_scene(VALID, {"contact.cohesion": wet})
+
+
 def test_parts_that_nothing_in_the_scene_reads_are_refused():
     """A drag law for dry grains was taken in silence: whoever gave it believed that it acts."""
     dry = load_scene({name: table for name, table in VALID.items() if name not in ("fluid", "coupling", "boundary")})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -81,7 +82,7 @@ def _panels(size: tuple[float, float], runs: int, times: int) -> tuple[Figure, l
     # A panel is at least as high as the label of its axis, and has its title above.
     height = min(max(width / ratio + 0.35, 0.85), TALLEST) + 0.1
     # Without the space beside narrow panels their titles would lie on each other.
-    layout = "constrained" if tall else "compressed"
+    layout: Literal["constrained", "compressed"] = "constrained" if tall else "compressed"
     figure = style.new_figure(columns * (width + 0.2) + 0.9, lines * height + 2.3, layout=layout)
     axes = figure.subplots(lines, columns, squeeze=False, sharex=True, sharey=True)
     for axis in axes.flat:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 from pydantic import ValidationError
@@ -87,6 +88,8 @@ def _remedy(path: Path, reasons: list[str], value: object) -> str:
         return f"write [{table}] above its keys"
     if reasons == ["must be a list"] and isinstance(value, int | float) and abs(value) <= 1e20:
         return f"write it in brackets: [{value}]"
+    if reasons == [f"must be less than {0.5 * math.pi}"] and isinstance(value, int | float):
+        return f"it is in rad: for {value:g} degrees write {math.radians(value):.4g}"
     return "correct the value"
 
 
