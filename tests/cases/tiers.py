@@ -42,6 +42,7 @@ SECOND = frozenset({
     "lubrication: a steel ball that bounces in oil", "energy of an elastic gas",
     "beam of bonded grains: first frequency", "bonds: energy, momentum and angular momentum of a free strand",
     "half-filled drum", "consolidation under a piston", "granular column collapse",
+    "Janssen silo",
     # The fluid: the same solver at finer meshes, and beside further walls.
     "Taylor-Green vortices, time alone", "lid-driven cavity",
     "Channels tilted in the mesh with Smagorinsky's viscosity", "Slow flow round a cylinder within another one",
@@ -50,7 +51,8 @@ SECOND = frozenset({
     "steady flow through a narrow outlet", "an eddy that leaves through the outlet",
     "piston in a tube with an open end", "grains that settle under an open top", "dam break of Martin & Moyce",
     # The exchange of particles and fluid, heat, slopes.
-    "Fixed bed in a round pipe and in a square duct", "one sphere settling, every drag law",
+    "Fixed bed in a round pipe and in a square duct", "Bed of CFDEM's Ergun case in a round pipe",
+    "one sphere settling, every drag law",
     "two-way settling in a periodic box", "fixed bed with hot gas in", "natural convection in a cavity",
     "hot drop in a stirred stream", "sloshing of warm water", "two layers that touch",
     "arrival of a dam's front by its height",

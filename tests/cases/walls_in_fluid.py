@@ -12,7 +12,6 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.special import j1, y1
 
-from jaxdem import build, initial_state, load_scene
 from jaxdem.coupling.open_parts import corner_points, face_points
 from jaxdem.coupling.surface_velocity import swept
 from jaxdem.fluid.advection import Central
@@ -409,83 +408,6 @@ def _at_stagnation(flow, state, viscosity, x, outward):
     cell = math.floor(x / hx + 1e-9) - 1 if outward < 0 else math.ceil(x / hx - 1e-9)
     before, after = on_line[1][cell], on_line[1][cell + 1]
     return float(on_line[0][cell] + 0.5 * (0.5 * (before + after)) ** 2 - viscosity * (after - before) / hx)
-
-
-def bed_drop(walls, side, layers, mesh, positions, diameter):
-    """Pressure drop of a bed of grains that stand still in a stream along z, between two heights [Pa/m].
-
-    Args:
-        walls: tables of the scene.
-        side: width of the box [m].
-        layers: height of the box over the distance of the layers of grains.
-        mesh: cells along each axis.
-        positions: (N, 3) [m].
-        diameter: of the grains [m].
-    """
-    height = layers * BED_SPACING
-    given = {
-        "precision": "float64",
-        "domain": {"size": [side, side, height], "gravity": [0.0, 0.0, 0.0]},
-        "fluid": {"cells": list(mesh), "density": 1000.0, "viscosity": 1e-6, "time_step": 2e-3},
-        "particles": {"radius": 0.5 * diameter, "density": 1e9, "position": np.asarray(positions).tolist()},
-        "contact": {"young_modulus": 1e9, "maximum_overlap": 0.5, "time_step": 1e-4},
-        "coupling": {"drag": "ergun"},
-        "walls": walls,
-        "boundary": {name: {"kind": "free_slip"} for name in ("left", "right", "front", "back")}
-        | {"bottom": {"kind": "inlet", "velocity": [0.0, 0.0, BED_SPEED]}, "top": {"kind": "outlet"}},
-        "time": {"end": 0.02, "output_interval": 0.02},
-    }
-    scene = load_scene(given)
-    simulation, parameters = build(scene)
-    state, _ = initial_state(scene, simulation, parameters)
-    advance = jax.jit(lambda fluid: simulation.coupling.advance(parameters.mixture, fluid, state.particles, 1.0)[0])
-    fluid = state.fluid
-    for _ in range(12):
-        fluid = advance(fluid)
-    pressure, cut = np.asarray(fluid.pressure), parameters.fluid.cut
-    weight = np.ones(pressure.shape) if cut is None else np.asarray(cut.open_cells)
-    profile = (pressure * weight).sum(axis=(0, 1)) / weight.sum(axis=(0, 1))
-    first, last = len(profile) // 4, 3 * len(profile) // 4
-    return (profile[first] - profile[last]) / ((last - first) * height / len(profile))
-
-
-BED_SPACING, BED_SPEED = 0.006, 0.02
-"""Distance of the layers of grains [m]; superficial velocity of the stream [m/s]."""
-
-
-@case(
-    "Fixed bed in a round pipe and in a square duct",
-    "exchange",
-    "Ergun's equation, and the same area",
-    fast={"mesh": (16, 16, 16), "layers": 8, "count": 8, "with_duct": False},
-)
-def bed_in_pipe(mesh=(16, 16, 32), layers=16, count=14, with_duct=True):
-    """The pressure drop in both, against each other and against Ergun's equation for the superficial velocity.
-
-    The duct has the pressure drop of Ergun's equation to 1e-6, so the tests save themselves its program.
-    """
-    diameter = (6.0 * 0.3 / math.pi) ** (1.0 / 3.0) * BED_SPACING
-    duct = count * BED_SPACING
-    radius = duct / math.sqrt(math.pi)
-    heights = (np.arange(layers) + 0.5) * BED_SPACING
-    grid = (np.arange(count) + 0.5) * BED_SPACING
-    in_duct = np.stack([x.ravel() for x in np.meshgrid(grid, grid, heights, indexing="ij")], axis=-1)
-    # As many in the pipe, evenly: on a spiral with the golden angle, which turns from layer to layer.
-    k = np.arange(count**2)
-    spread, angle = radius * np.sqrt((k + 0.5) / count**2), math.pi * (3.0 - math.sqrt(5.0)) * k
-    side = 2.04 * radius
-    layer = np.stack([0.5 * side + spread * np.cos(angle), 0.5 * side + spread * np.sin(angle)], axis=-1)
-    in_pipe = np.concatenate([np.column_stack([layer, np.full(count**2, z)]) for z in heights])
-    axis = {"kind": "cylinder", "center": [0.5 * side, 0.5 * side, 0.0], "radius": radius, "axis": [0.0, 0.0, 1.0]}
-    drop = bed_drop([axis | {"fluid": "free_slip"}], side, layers, mesh, in_pipe, diameter)
-    solids, g = 0.3, 0.7
-    viscous = 150.0 * 1e-3 * solids**2 / (g**3 * diameter**2) * BED_SPEED
-    ergun = viscous + 1.75 * 1000.0 * solids / (g**3 * diameter) * BED_SPEED**2
-    found = [relative("pressure drop of the pipe", ergun, drop, 0.01, "Pa/m")]
-    if with_duct:
-        of_duct = bed_drop([], duct, layers, mesh, in_duct, diameter)
-        found.insert(0, relative("pressure drop of the pipe over that of the duct", 1.0, drop / of_duct, 0.01))
-    return found
 
 
 @case("Poiseuille flow in a round pipe", "fluid", "Hagen and Poiseuille, closed form", fast={"cells": (12, 24)})
