@@ -113,7 +113,7 @@ def janssen(one: Silo, depth: float, ratio: float) -> float:
 
 @case(
     "Janssen silo",
-    "granular",
+    "moving walls",
     "H. A. Janssen, Z. Ver. Dtsch. Ing. 39 (1895) 1045-1049: sigma = rho g w/(2 mu K) (1 - exp(-2 mu K z/w))",
     fast={"columns": 8, "layers": (30,), "end": 0.4},
 )
