@@ -13,8 +13,10 @@ from typer.testing import CliRunner
 
 from jaxdem import InputError, load_run, load_scene, simulate
 from jaxdem.cli.main import app
+from jaxdem.closures import KochHill, Stokes, SubgridClosure
 from jaxdem.io import read_checkpoint
 from jaxdem.run import chunk
+from jaxdem.run.chain import foreseen_cases
 from jaxdem.run.time_loop import TimeLoop
 from jaxdem.run.writer import RunWriter
 from jaxdem.scene.stages import StagedScene
@@ -227,6 +229,20 @@ def test_a_table_given_as_false_is_left_out_from_there_on():
     ]
     scene = load_scene(wet | {"stages": stages})
     assert [stage.scene.fluid is None for stage in scene.stages] == [False, True, True]
+
+
+def test_a_part_of_the_user_goes_to_the_stages_that_read_it_and_is_refused_where_none_does(tmp_path):
+    """A bed that is filled dry and fluidised then, by a law of the user's."""
+    stages = [
+        {"name": "fill", "time": {"end": 0.02}},
+        {"name": "wet", "time": {"end": 0.04}, "fluid": {"cells": [4, 4]}},
+    ]
+    scene = load_scene(SCENE | {"stages": stages})
+    (_, _, dry), (_, _, wet) = foreseen_cases(scene.stages, Stokes())
+    assert dry.simulation.coupling is None and wet.parameters.closure == Stokes() != KochHill()
+    with pytest.raises(InputError, match=r"^subgrid = 'given': needs \[fluid\], which no stage has"):
+        simulate(load_scene(SCENE | {"stages": stages[:1]}), tmp_path, subgrid=SubgridClosure.constant(0.0, 1 / 12))
+    assert not any(tmp_path.iterdir())
 
 
 def test_a_folder_of_stages_is_no_run(chain, tmp_path):

@@ -117,9 +117,10 @@ def _loaded(paths: Sequence[Path], changed: dict[str, Any], former: dict[str, An
 def _refuse_unread(scenes: Sequence[Scene], given: dict[str, tuple[Path, tuple[str, ...]]]) -> None:
     """Refuses files of options, each with the tables that a scene needs to read it, where one of them is missing."""
     for option, (file, tables) in given.items():
-        for scene in scenes:
+        for number, scene in enumerate(scenes):
             if lacking := " and ".join(f"[{table}]" for table in tables if getattr(scene, table) is None):
-                limit = f"needs {lacking}, which the scene has not"
+                which = "the scene" if len(scenes) == 1 else f"stage {number}"
+                limit = f"needs {lacking}, which {which} has not"
                 raise InputError(option, str(file), limit, f"Leave out {option}, or add what is missing.")
 
 

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import Unpack
+from typing import Unpack, cast
 
 from jaxdem.closures.base import DragClosure
 from jaxdem.errors import InputError
@@ -21,6 +21,7 @@ from jaxdem.scene import Scene
 from jaxdem.scene.stages import Stage, StagedScene
 from jaxdem.setup.builder import Case, build_case
 from jaxdem.setup.extensions import Extensions
+from jaxdem.setup.given import lacking
 from jaxdem.setup.start_point import StartPoint
 
 
@@ -36,6 +37,7 @@ def simulate_stages(scene: StagedScene, out: Path, options: RunOptions, **extens
     stages = scene.stages
     names = [stage.name for stage in stages]
     require_stages(stages, out, options.resume)
+    parts = _parts_of_stages(stages, options.closure, extensions)
     for _ in foreseen_cases(stages, options.closure, **extensions):
         pass
     peers = here()
@@ -43,14 +45,14 @@ def simulate_stages(scene: StagedScene, out: Path, options: RunOptions, **extens
     with locked(out) if peers.first else nullcontext():
         if peers.first:
             write_chain(out, names)
-        for stage, before in zip(stages, [None, *stages], strict=False):
+        for stage, before, (closure, own) in zip(stages, [None, *stages], parts, strict=False):
             path = out / stage.name
             begins = stage.scene if before is None else begun_from(stage.scene, out / before.name)
             complete = run_folder.is_complete(path, begins.to_toml())
-            of_stage = dataclasses.replace(options, resume=(path / SCENE).is_file())
+            of_stage = dataclasses.replace(options, closure=closure, resume=(path / SCENE).is_file())
             peers.barrier()
             if not complete:
-                simulate_alone(begins, path, of_stage, **extensions)
+                simulate_alone(begins, path, of_stage, **own)
     return load_run(out / names[-1])
 
 
@@ -91,12 +93,37 @@ def foreseen_cases(
         InputError: of the first stage that cannot work, naming it.
     """
     start = None
-    for k, stage in enumerate(stages):
+    parts = _parts_of_stages(stages, closure, extensions)
+    for k, (stage, (law, own)) in enumerate(zip(stages, parts, strict=True)):
         with _named(k, stage):
-            case = build_case(stage.scene, closure, start, **extensions)
+            case = build_case(stage.scene, law, start, **own)
             begun = start
             start = foreseen_end(case)
         yield stage, begun, case
+
+
+def _parts_of_stages(
+    stages: Sequence[Stage], closure: DragClosure | None, extensions: Extensions
+) -> list[tuple[DragClosure | None, Extensions]]:
+    """Of every stage the closure and the extensions that it reads: a bed may be filled dry and fluidised by a law of
+    the user's.
+
+    Raises:
+        InputError: no stage reads one of them.
+    """
+    given = {"closure": closure, **extensions}
+    unread = [lacking(stage.scene, given) for stage in stages]
+    for name in unread[0]:
+        if all(name in of_stage for of_stage in unread):
+            limit = f"needs {unread[0][name]}, which no stage has"
+            raise InputError(name, "given", limit, "leave it out, or add what is missing")
+    return [
+        (
+            None if "closure" in of_stage else closure,
+            cast(Extensions, {name: part for name, part in extensions.items() if name not in of_stage}),
+        )
+        for of_stage in unread
+    ]
 
 
 def begun_from(scene: Scene, folder: Path) -> Scene:

@@ -52,7 +52,8 @@ def simulate(
         settling: called now and then while particles of a settled pack come to rest, with the time since they began to
             fall and the longest that they may take [s].
         devices: as many devices as are given, each with a part of the box, see `jaxdem.build`.
-        extensions: further parts in place of the scene's, see `jaxdem.build`.
+        extensions: further parts in place of the scene's, see `jaxdem.build`. With stages these and the closure go to
+            those stages that have what reads them.
 
     Returns:
         The run, of a scene with stages that of the last one, as `jaxdem.load_run` gives it.

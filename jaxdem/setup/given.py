@@ -138,8 +138,23 @@ def parts_given(closure: object, extensions: Mapping[str, object]) -> Extensions
     return cast(Extensions, given)
 
 
+def lacking(scene: Scene, given: Mapping[str, object]) -> dict[str, str]:
+    """The tables that are not there of each part that nothing in a scene reads, such as a drag law for dry grains.
+
+    Args:
+        scene: the scene.
+        given: parts of the user by their names, the closure among them.
+    """
+    missing = {
+        name: " and ".join(f"[{table}]" for table in _READ_BY.get(name, ()) if getattr(scene, table) is None)
+        for name, part in given.items()
+        if part
+    }
+    return {name: tables for name, tables in missing.items() if tables}
+
+
 def require_read(scene: Scene, closure: object, given: Mapping[str, object]) -> None:
-    """Refuses what nothing in the scene reads, such as a drag law for dry grains.
+    """Refuses what nothing in the scene reads.
 
     Args:
         scene: the scene.
@@ -149,9 +164,6 @@ def require_read(scene: Scene, closure: object, given: Mapping[str, object]) -> 
     Raises:
         InputError: a part needs a table that the scene has not.
     """
-    named = given if closure is None else {"closure": closure, **given}
-    for name, part in named.items():
-        lacking = [f"[{table}]" for table in _READ_BY.get(name, ()) if getattr(scene, table) is None]
-        if part and lacking:
-            limit = f"needs {' and '.join(lacking)}, which the scene has not"
-            raise InputError(name, "given", limit, "leave it out, or add what is missing")
+    for name, tables in lacking(scene, {"closure": closure, **given}).items():
+        limit = f"needs {tables}, which the scene has not"
+        raise InputError(name, "given", limit, "leave it out, or add what is missing")
