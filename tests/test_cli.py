@@ -432,6 +432,19 @@ def test_a_sweep_goes_on_after_a_failed_run_and_where_it_was_stopped(grains, tmp
     refused(invoke(*arguments, "--set", "contact.friction=0.1"), "contact.friction", "same scene")
 
 
+def test_a_sweep_goes_on_after_a_stage_that_failed(tmp_path):
+    """The folder of the stages is no run: it is the stage that says how far it got."""
+    stages = '[[stages]]\nname = "one"\ntime.end = 0.02\n[[stages]]\nname = "two"\ntime.end = 0.04\n'
+    (tmp_path / "scene.toml").write_text(GRAINS.replace("end = 0.04", "end = 0.02") + stages)
+    vary = ("--vary", f"particles.velocity={FAST},{STILL}", "--set", "contact.speed=1.0")
+    result = invoke("sweep", tmp_path / "scene.toml", "--out", tmp_path / "sweep", *vary)
+    assert result.exit_code == 1 and "1 of 2 runs are not valid" in result.stderr
+    with open(tmp_path / "sweep" / "sweep.csv", newline="") as file:
+        failed, sound = csv.DictReader(file)
+    assert [failed["valid"], sound["valid"]] == ["false", "true"] and "particle 1" in failed["reason"]
+    assert load_run(tmp_path / "sweep" / sound["run"] / "two").times[-1] == 0.04
+
+
 PROBED = """
 [boundary.left]
 particles = "remove"

@@ -25,6 +25,7 @@ from jaxdem.io.run_folder import SCENE
 from jaxdem.metrics import METRICS, compile_time, run_time
 from jaxdem.run.sweep_figures import figures
 from jaxdem.scene import Scene, load_scene, parse_override
+from jaxdem.scene.stages import StagedScene, scenes_of
 
 if TYPE_CHECKING:
     from jaxdem.run.time_loop import Progress
@@ -240,18 +241,25 @@ def _perform(run: SweepRun, scene: Scene, path: Path, title: str, listener: List
     from jaxdem.run.scene_run import simulate_once  # with JAX, which what is refused does without
 
     def begin() -> Progress:
-        advance = listener.stage(title, scene.time.end)
+        advance = listener.stage(title, scenes_of(scene)[-1].time.end)
         return lambda time, _: advance(time)
 
     try:
         run.take(simulate_once(scene, path, begin))
     except RunError as error:
-        run.take(load_run(path))
+        run.take(load_run(_begun(scene, path)))
         run.valid, run.reason = False, str(error)
         listener.say(f"{title}: failed")
     except InputError as error:
         run.valid, run.refused, run.reason = False, True, str(error)
         listener.say(f"{title}: refused")
+
+
+def _begun(scene: Scene, path: Path) -> Path:
+    """The folder of a run that failed; of stages that of the last one that has begun."""
+    if not isinstance(scene, StagedScene):
+        return path
+    return [path / stage.name for stage in scene.stages if (path / stage.name / SCENE).is_file()][-1]
 
 
 def _name(chosen: Mapping[str, object], taken: Mapping[str, Scene]) -> str:

@@ -24,6 +24,7 @@ from jaxdem.numerics.axes import AXES
 from jaxdem.particles.integrate import ParticleState
 from jaxdem.particles.neighbors import Neighbors, Room
 from jaxdem.scene import Scene
+from jaxdem.scene.stages import StagedScene
 from jaxdem.setup.builder import Case, build_case
 from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters, State
@@ -199,6 +200,9 @@ def _check_scene(scene: Scene, closures: Closures) -> None:
     coupling = scene.coupling
     if scene.particles is None or scene.fluid is None or coupling is None:
         raise InputError("SCENE", "", "needs both [particles] and [fluid]", "Give the coarse scene of a coupled run.")
+    if isinstance(scene, StagedScene):
+        limit = "a training follows one run, and this scene has several"
+        raise InputError("stages", [stage.name for stage in scene.stages], limit, "Give a scene file of one stage.")
     if scene.surface is not None:
         raise InputError("surface", "...", "a training does not follow two fluids", "Remove [surface].")
     if scene.heat is not None or scene.scalars:

@@ -32,6 +32,7 @@ from jaxdem.run.differentiable import measured_rollout
 from jaxdem.state import Diagnostics, Parameters, ParticleDiagnostics, State
 from jaxdem.train.closures import Closures, few_parameters
 from jaxdem.train.finetune import PATIENCE, FinetuneSettings, Training
+from jaxdem.train.fit_settings import FitSettings
 from jaxdem.train.observables import Grains, Observables, observe_fluid, observe_particles
 from jaxdem.train.reference import CoarseCase, follow
 from jaxdem.train.unrolled import ENLARGEMENTS, Unrolled
@@ -282,6 +283,19 @@ def test_horizons_and_settings_that_cannot_work_are_refused():
         FinetuneSettings((0, 1))
     with pytest.raises(InputError, match="learning_rate"):
         FinetuneSettings(learning_rate=0.0)
+    for settings, name in (
+        ({"updates": True}, "updates"), ({"starts": 1.5}, "starts"), ({"seed": -1}, "seed"), ({"seed": True}, "seed"),
+        ({"horizons": (True,)}, "--horizons"),
+    ):  # fmt: skip
+        with pytest.raises(InputError, match=f"^{name} = "):
+            FinetuneSettings(**settings)
+    for settings, name in (
+        ({"epochs": 2.5}, "epochs"), ({"batch": True}, "batch"), ({"hidden": (8, 0)}, "hidden"),
+        ({"seed": True}, "seed"),
+    ):  # fmt: skip
+        with pytest.raises(InputError, match=f"^{name} = .*whole number"):
+            FitSettings(**settings)
+    assert FitSettings(epochs=np.int64(3), hidden=[8, 4]).epochs == 3
 
 
 def test_observables_are_those_of_the_metrics():
@@ -500,6 +514,9 @@ def test_other_runs_and_closures_are_refused(reference, tmp_path):
     grains = {key: value for key, value in SCENE.items() if key != "fluid"}
     with pytest.raises(InputError, match="both"):
         follow(load_scene(grains), load_run(reference), Closures(InvariantClosure.initial()))
+    stages = [{"name": "one", "time": SCENE["time"]}, {"name": "two", "time": SCENE["time"] | {"end": 9.0}}]
+    with pytest.raises(InputError, match="^stages = .*one.*two"):
+        follow(load_scene(SCENE | {"stages": stages}), load_run(reference), Closures(InvariantClosure.initial()))
     with RunDirectory.create(tmp_path / "run", scene_with().to_toml()) as directory:
         directory.finish({"valid": False, "reason": "too fast"})
     with pytest.raises(InputError, match="--reference.*frames"):
