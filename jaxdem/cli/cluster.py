@@ -20,7 +20,8 @@ ADDRESS = "JAX_COORDINATOR_ADDRESS"
 SLURM = ("SLURM_JOB_ID", "SLURM_STEP_NODELIST", "SLURM_NTASKS", "SLURM_PROCID", "SLURM_LOCALID")
 """Variables of a process that `srun` has started; a batch script has not all of them."""
 
-RANKS = (("OMPI_COMM_WORLD_RANK", "OMPI_COMM_WORLD_SIZE"), ("PMI_RANK", "PMI_SIZE"))
+PMI = ("PMI_RANK", "PMI_SIZE")
+RANKS = (("OMPI_COMM_WORLD_RANK", "OMPI_COMM_WORLD_SIZE"), PMI)
 """Number of the process and how many there are: of Open MPI, and of MPICH and Intel MPI."""
 
 OPEN_MPI_4 = "OMPI_MCA_orte_hnp_uri"
@@ -62,11 +63,9 @@ def member(environment: Mapping[str, str] = os.environ) -> Member | None:
         if found.coordinator is None:
             raise InputError(COORDINATOR, None, f"must be set where {PROCESSES} is", _PLACE)
         return _sound(found, PROCESS)
-    if all(name in environment for name in SLURM):
-        found = Member(_number(environment, "SLURM_PROCID"), _number(environment, "SLURM_NTASKS"), None)
-        return _sound(found, "SLURM_PROCID") if found.number > 1 else None
+    by_slurm = all(name in environment for name in SLURM)
     for rank, size in RANKS:
-        if rank in environment and size in environment:
+        if rank in environment and size in environment and not (by_slurm and _same(environment, rank, size)):
             address = environment.get(ADDRESS)
             found = Member(_number(environment, rank), _number(environment, size), address)
             if found.number == 1:
@@ -75,7 +74,21 @@ def member(environment: Mapping[str, str] = os.environ) -> Member | None:
                 limit = f"is not set, and this mpirun does not say where the first of {found.number} processes is"
                 raise InputError(ADDRESS, None, limit, _PLACE)
             return _sound(found, rank)
+    if by_slurm:
+        found = Member(_number(environment, "SLURM_PROCID"), _number(environment, "SLURM_NTASKS"), None)
+        return _sound(found, "SLURM_PROCID") if found.number > 1 else None
     return None
+
+
+def _same(environment: Mapping[str, str], rank: str, size: str) -> bool:
+    """Whether srun has set these variables too, for MPI (`--mpi=pmi2`), and not an mpirun.
+
+    An mpirun starts its daemons by srun, on every node but its own: their processes have variables of Slurm that count
+    daemons.
+    """
+    own = environment[rank], environment[size]
+    of_slurm = environment["SLURM_PROCID"], environment["SLURM_NTASKS"]
+    return rank in PMI and ADDRESS not in environment and own == of_slurm
 
 
 _PLACE = "Set it to HOST:PORT, HOST being that of the first process and PORT one that is free there, for all processes."

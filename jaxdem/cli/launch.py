@@ -19,15 +19,16 @@ from pathlib import Path
 from typing import IO, NamedTuple
 
 from jaxdem.cli.cluster import COORDINATOR, LAUNCHED, PROCESS, PROCESSES
+from jaxdem.cli.library_output import ABORTED
 
 LOST_PEER = 75
 """Exit code of a process that ended because another one did: the cause lies there."""
 
-ABORTED = "Terminating process because the JAX distributed service"
-"""What JAX writes when it ends a process because another one is gone."""
-
 GRACE = 15.0
-"""Time that the others have to end by themselves after one has failed [s]; then they are killed."""
+"""Time that the others have to end by themselves after one has ended with a message [s]; then they are killed."""
+
+GRACE_AFTER_KILL = 2.0
+"""The same where a signal has ended one: nothing can be saved, and without it the others wait for its heartbeat [s]."""
 
 POLL = 0.05
 """How often the processes are looked after [s]."""
@@ -128,13 +129,13 @@ class _Group:
             process.send(number)
 
     def wait(self) -> Outcome:
-        """Until all have ended; those that do not within `GRACE` after one has failed are killed."""
+        """Until all have ended; those that do not soon after one has failed are killed."""
         killed: set[int] = set()
         deadline = float("inf")
         while any(process.poll() is None for process in self._processes):
             self._look()
             if self._failed and deadline == float("inf"):
-                deadline = time.monotonic() + GRACE
+                deadline = time.monotonic() + (GRACE_AFTER_KILL if self._failed[0][1] < 0 else GRACE)
             if time.monotonic() > deadline:
                 killed |= {process.index for process in self._processes if process.poll() is None}
                 self.kill()

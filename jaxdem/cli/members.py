@@ -18,6 +18,7 @@ from jaxdem.cli import process, terminal
 from jaxdem.cli.cluster import Member, member
 from jaxdem.cli.inputs import start_jax
 from jaxdem.cli.launch import LOST_PEER, run_processes
+from jaxdem.cli.library_output import reader_of_libraries
 from jaxdem.errors import InputError, JaxdemError
 
 if TYPE_CHECKING:
@@ -84,8 +85,8 @@ def group_of(devices: int | None, processes: int | None) -> ProcessGroup:
 def launch(group: ProcessGroup, processes: int | None, scene: Scene, resumed: Path | None, resume: str) -> None:
     """Where `--processes` asks for more than this process: starts them, and ends with their exit code.
 
-    More than there are cores are started only where the box can be cut so: each builds the scene before it can refuse
-    the cut, and a hundred of them fill the memory of a small machine meanwhile.
+    What is wrong with the scene, and a box that cannot be cut so, is told before any is started: a hundred processes
+    that build the scene to refuse it fill the memory of a small machine.
 
     Args:
         group: what the run goes over.
@@ -95,15 +96,13 @@ def launch(group: ProcessGroup, processes: int | None, scene: Scene, resumed: Pa
         resume: the command by which the run goes on.
 
     Raises:
-        InputError: there are fewer cores, and the box cannot be cut into so many slabs.
+        InputError: the scene cannot be run, or its box not be cut into so many slabs.
     """
     if group.member is not None or processes is None or processes == 1:
         return
+    _require_slabs(scene, resumed, group.devices or processes)
     cores = len(os.sched_getaffinity(0))
     if processes > cores:
-        from jaxdem.scene.stages import scenes_of
-
-        _require_slabs(scenes_of(scene)[0], resumed, group.devices or processes)
         terminal.warn(f"{processes} processes share {cores} cores and wait for each other; give --processes {cores}")
     process.be_silent()
     outcome = run_processes(processes, sys.argv[1:])
@@ -113,17 +112,24 @@ def launch(group: ProcessGroup, processes: int | None, scene: Scene, resumed: Pa
 
 
 def _require_slabs(scene: Scene, resumed: Path | None, number: int) -> None:
-    """Refuses a box that cannot be cut into so many slabs. No card is touched."""
+    """Refuses a box that cannot be cut into so many slabs, in any stage. No card is touched."""
     import jax
 
     jax.config.update("jax_platforms", "cpu")
     start_jax(scene.precision)
     from jaxdem.devices.cut import slabs_of
+    from jaxdem.run.chain import foreseen_cases, named_stage
     from jaxdem.run.single_run import own_start
+    from jaxdem.scene.stages import StagedScene
     from jaxdem.setup.builder import build_case
 
-    case = build_case(scene, start=None if resumed is None else own_start(scene, resumed))
-    slabs_of(case.simulation.without_levels(), number, None)
+    if not isinstance(scene, StagedScene):
+        case = build_case(scene, start=None if resumed is None else own_start(scene, resumed))
+        slabs_of(case.simulation.without_levels(), number, None)
+        return
+    for k, (stage, _, case) in enumerate(foreseen_cases(scene.stages)):
+        with named_stage(k, stage):
+            slabs_of(case.simulation.without_levels(), number, None)
 
 
 def chosen_devices(group: ProcessGroup) -> list[jax.Device] | None:
@@ -173,9 +179,11 @@ def join(group: ProcessGroup) -> None:
     """Joins the other processes, before anything is asked of JAX; from now on only the first one shows anything."""
     if group.member is None:
         return
+    one = group.member
+    if not one.launched:
+        process.divert_libraries(reader_of_libraries(one.rank, one.number), of_launcher=True)
     from jaxdem.run import peers
 
-    one = group.member
     joined = peers.join(one.rank, one.number, one.coordinator, group.places())
     if not one.first:
         terminal.tell_through(lambda message: None)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import gc
+import io
 import os
 import select
 import signal
@@ -85,18 +86,40 @@ def be_silent() -> None:
     _messages = os.open(os.devnull, os.O_WRONLY)
 
 
+class _NoTerminal(io.TextIOWrapper):
+    """mpirun gives a process a terminal of its own, and what is shown there may go into a file: no bars."""
+
+    def isatty(self) -> bool:
+        """Never."""
+        return False
+
+
+def divert_libraries(target: int, of_launcher: bool = False) -> None:
+    """What libraries write past Python goes to a file descriptor; what Python writes goes where it went before.
+
+    Args:
+        target: which is closed.
+        of_launcher: whether standard output belongs to a launcher, such as mpirun, and not to a person.
+    """
+    global _messages
+    shown, messages = os.dup(1), os.dup(2)
+    if _messages == 2:  # not silent
+        _messages = messages
+    for number in (1, 2):
+        os.dup2(target, number)
+    os.close(target)
+    sys.stdout = os.fdopen(shown, "w", buffering=1, closefd=False)
+    if of_launcher:
+        sys.stdout = _NoTerminal(sys.stdout.detach(), line_buffering=True)
+    sys.stderr = os.fdopen(messages, "w", buffering=1, closefd=False)
+
+
 def _follow_launcher(log: str) -> None:
     """What libraries write past Python goes into a file; the process ends with the launcher.
 
     Standard input is a pipe that the launcher never writes to: it ends when the launcher does.
     """
-    global _messages
-    shown, _messages = os.dup(1), os.dup(2)
-    target = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
-    for number in (1, 2):
-        os.dup2(target, number)
-    sys.stdout = os.fdopen(shown, "w", buffering=1, closefd=False)
-    sys.stderr = os.fdopen(_messages, "w", buffering=1, closefd=False)
+    divert_libraries(os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600))
 
     def wait() -> None:
         with contextlib.suppress(OSError):

@@ -71,7 +71,7 @@ def require_stages(stages: Sequence[Stage], out: Path, resume: bool) -> None:
         path = out / stage.name
         if resume and (path / SCENE).is_file():
             scene = stage.scene if before is None else begun_from(stage.scene, out / before.name)
-            with _named(k, stage):
+            with named_stage(k, stage):
                 run_folder.require_same_scene(path, scene.to_toml(), scene.defaults())
                 if k + 1 < len(stages) and (out / stages[k + 1].name).is_dir():
                     _require_same_end(scene, path, stages[k + 1])
@@ -95,7 +95,7 @@ def foreseen_cases(
     start = None
     parts = _parts_of_stages(stages, closure, extensions)
     for k, (stage, (law, own)) in enumerate(zip(stages, parts, strict=True)):
-        with _named(k, stage):
+        with named_stage(k, stage):
             case = build_case(stage.scene, law, start, **own)
             begun = start
             start = foreseen_end(case)
@@ -135,7 +135,7 @@ def begun_from(scene: Scene, folder: Path) -> Scene:
 
 
 @contextmanager
-def _named(number: int, stage: Stage) -> Iterator[None]:
+def named_stage(number: int, stage: Stage) -> Iterator[None]:
     """What is wrong with a stage names it."""
     try:
         yield

@@ -143,7 +143,7 @@ class SlabProgram:
         neighbors: Neighbors | None,
         watch: Watch | None = None,
     ) -> None:
-        self._mesh = required(simulation.mesh, "mesh")
+        self.simulation, self._mesh = simulation, required(simulation.mesh, "mesh")
         numbers = loop_numbers(simulation, parameters.gravity.dtype)
         self._same = put(self._mesh, numbers, SAME), simulation.on_devices(parameters)
         structure = with_numbers(simulation.of_slab(), NO_NUMBERS)
@@ -168,6 +168,18 @@ class SlabProgram:
         chunk: Chunk = jax.block_until_ready(self._compiled(*self._same, state, neighbors, *self._asked(count, watch)))
         self._seconds = max((clock.perf_counter() - begin) / max(int(chunk.done), 1), 1e-9)
         return chunk._replace(state=empty_in_slabs(self._mesh, chunk.state))
+
+    def one_step(
+        self, state: State, neighbors: Neighbors, watch: Watch | None = None
+    ) -> tuple[float, State, Neighbors]:
+        """An interval of a single contact step: seconds by the clock of this process, and what is then."""
+        numbers, parameters = self._same
+        numbers = numbers._replace(contact_steps=put(self._mesh, np.int32(1), SAME))
+        given = numbers, parameters, state, neighbors, *self._asked(1, watch)
+        begin = clock.perf_counter()
+        chunk: Chunk = jax.block_until_ready(self._compiled(*given))
+        seconds = clock.perf_counter() - begin
+        return seconds, empty_in_slabs(self._mesh, chunk.state), required(chunk.neighbors, "neighbors")
 
 
 def _advance_in_slabs(static: tuple[Mesh, Simulation, tuple[Probe, ...] | None], *given: Any) -> Chunk:

@@ -11,17 +11,17 @@ import dataclasses
 import os
 import threading
 import time as clock
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import jax
 
 from jaxdem.devices.meeting import LONGEST_WAIT, coordination_client
-from jaxdem.errors import JaxdemError
+from jaxdem.errors import InputError, JaxdemError
 from jaxdem.io.pieces import Share
 
-HEARTBEAT = 30
-"""A process that has not been heard of for so long ends the run [s]."""
+HEARTBEAT, HEARTBEAT_NAME = 30, "JAXDEM_HEARTBEAT"
+"""A process that has not been heard of for so long ends the run [s]; the variable that says another time."""
 
 LAUNCH_WAIT, CLUSTER_WAIT = 60, 300
 """Longest time for all processes to appear, on one machine and on a cluster [s]."""
@@ -160,8 +160,12 @@ def join(index: int, number: int, coordinator: str | None, devices: Sequence[int
 
     Raises:
         PeerLost: the others did not come.
+        InputError: the time of the heartbeat is no number.
     """
+    seconds = heartbeat()
     jax.config.update("jax_cpu_collectives_implementation", "gloo")
+    # JAX would take SIGTERM for itself, from here until the run listens to it again.
+    jax.config.update("jax_enable_preemption_service", False)
     _yield_to_those_who_compute()
     given: dict[str, Any] = {}
     if coordinator is not None:
@@ -172,13 +176,26 @@ def join(index: int, number: int, coordinator: str | None, devices: Sequence[int
         jax.distributed.initialize(
             **given,
             initialization_timeout=wait,
-            heartbeat_timeout_seconds=HEARTBEAT,
-            shutdown_timeout_seconds=HEARTBEAT,
+            heartbeat_timeout_seconds=seconds,
+            shutdown_timeout_seconds=seconds,
         )
     except jax.errors.JaxRuntimeError as error:
         raise peer_lost(error) from None
     _joined[:] = [Peers(index, number)]
     return _joined[0]
+
+
+def heartbeat(environment: Mapping[str, str] = os.environ) -> int:
+    """After so long without a sign of it a process is given up [s].
+
+    Raises:
+        InputError: the variable is no whole number of seconds, or below 1.
+    """
+    text = environment.get(HEARTBEAT_NAME, str(HEARTBEAT))
+    if not text.isdecimal() or int(text) < 1:
+        limit = "must be a whole number of seconds, 1 or more"
+        raise InputError(HEARTBEAT_NAME, text, limit, f"Leave it out for {HEARTBEAT} s")
+    return int(text)
 
 
 def _yield_to_those_who_compute() -> None:

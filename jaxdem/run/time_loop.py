@@ -21,6 +21,7 @@ from jaxdem.particles.neighbors import Neighbors
 from jaxdem.run.chunk import CHUNK, Program
 from jaxdem.run.diagnosis import diagnosis
 from jaxdem.run.instant import Instant
+from jaxdem.run.move_cost import with_move_cost
 from jaxdem.run.observer import Observer, probe_marks
 from jaxdem.run.parts import PARTS
 from jaxdem.run.peers import Peers, here
@@ -162,7 +163,7 @@ class TimeLoop:
             with contextlib.suppress(RunError):
                 self.directory.interrupt(self._summary(False, str(error)))
             raise
-        self.directory.finish(self._summary(True, ""))
+        self.directory.finish(self._with_measured(self._summary(True, "")))
 
     def begin(self) -> None:
         """The program, compiled, and the first frame if there is none."""
@@ -316,6 +317,11 @@ class TimeLoop:
 
     def _write_checkpoint(self) -> None:
         self.writer.checkpoint(self.state, self.neighbors, self.done, self._time_after(self.done))
+
+    def _with_measured(self, summary: dict[str, Any]) -> dict[str, Any]:
+        """The summary of a run that is done, with what its program can tell now that it is not needed any more."""
+        with self.peers.held():
+            return with_move_cost(summary, self.program, self.state, self.neighbors, self.observer.watch)
 
     def _summary(self, valid: bool, reason: str, split_stages: bool = True) -> dict[str, Any]:
         return self.writer.summary(self.instant, self.neighbors, valid, reason, split_stages)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -15,12 +17,13 @@ from typer.testing import CliRunner
 from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkIOHDF import vtkHDFReader
 
-from jaxdem.cli import members
+from jaxdem.cli import library_output, members
 from jaxdem.cli.cluster import member
 from jaxdem.cli.launch import Outcome
 from jaxdem.cli.main import app
 from jaxdem.errors import InputError
 from jaxdem.io import load_run
+from jaxdem.run.peers import heartbeat
 from tests.cases.tiers import COMBINATION
 
 ROOT = Path(__file__).parents[2]
@@ -131,22 +134,49 @@ def frames(out):
     return len(path.read_text().splitlines()) - 1 if path.is_file() else 0
 
 
-def started(scene, out, *more):
-    """A run by two processes, and those, when it has written further frames."""
+def started(scene, out, *more, ready=None, **variables):
+    """A run by two processes, and those, when it has written further frames, or is `ready`."""
     before = frames(out)
     launcher = subprocess.Popen(
         line("run", scene, "--out", out, "--processes", 2, "--quiet", *more),
-        env=ENVIRONMENT,
+        env=ENVIRONMENT | variables,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
     )
     deadline = time.monotonic() + 240
-    while frames(out) < before + 3:
+    while not (ready() if ready else frames(out) >= before + 3):
         assert launcher.poll() is None and time.monotonic() < deadline, launcher.communicate()[1]
         time.sleep(0.02)
     children = Path(f"/proc/{launcher.pid}/task/{launcher.pid}/children").read_text().split()
     return launcher, [int(child) for child in children]
+
+
+def by_srun(*arguments):
+    """The command as two processes with what Slurm sets for each; exit codes, and what both have shown."""
+    for job in range(2**12):  # whose number is that of a port above the first one
+        with contextlib.suppress(OSError), socket.create_server(("127.0.0.1", FIRST_PORT + job)):
+            break
+    processes = [
+        subprocess.Popen(
+            line(*arguments),
+            env=ENVIRONMENT | {name: str(value) for name, value in of_slurm(rank, 2, job=job).items()},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        for rank in range(2)
+    ]
+    shown = [process.communicate(timeout=280) for process in processes]
+    return [process.returncode for process in processes], *("".join(texts) for texts in zip(*shown, strict=True))
+
+
+def of_slurm(rank, number, job=7):
+    """What `srun` of Slurm 22.05 sets, as far as it tells who a process is."""
+    return {
+        "SLURM_JOB_ID": job, "SLURM_STEP_NODELIST": "localhost", "SLURM_STEP_NUM_NODES": 1, "SLURM_NTASKS": number,
+        "SLURM_PROCID": rank, "SLURM_LOCALID": rank,
+    }  # fmt: skip
 
 
 def alive(process):
@@ -159,24 +189,31 @@ def alive(process):
 @pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="finds the processes in /proc")
 def test_two_processes_are_killed_and_stopped_and_go_on(scene, on_two, tmp_path):
     out = tmp_path / "run"
-    launcher, processes = started(scene, out)
+    # Held before they compile: the other one has not heard of it for 5 s.
+    launcher, processes = started(scene, out, ready=(out / "scene.toml").is_file, JAXDEM_HEARTBEAT="5")
     assert len(processes) == 2
+    os.kill(processes[1], signal.SIGSTOP)
+    shown, said = launcher.communicate(timeout=60)
+    assert launcher.returncode == 1 and said.count("jaxdem:") == 1 and "--resume" in said
+    assert "Process 1 of 2 did not answer any more" in said and shown == "" and not any(map(alive, processes))
+
+    launcher, processes = started(scene, out, "--resume")
     begin = time.monotonic()
     os.kill(processes[1], signal.SIGKILL)
     shown, said = launcher.communicate(timeout=60)
-    assert launcher.returncode == 1 and time.monotonic() - begin < 60
+    assert launcher.returncode == 1 and time.monotonic() - begin < 10, "they do not wait for its heartbeat"
     assert said.count("jaxdem:") == 1 and "Process 1 of 2 was ended by signal 9" in said and "--resume" in said
     assert shown == "" and not any(map(alive, processes))
 
     launcher, processes = started(scene, out, "--resume")
-    os.kill(processes[1], signal.SIGTERM)  # one of them alone: all stop
+    os.kill(processes[1], signal.SIGINT)  # one of them alone: all stop
     shown, said = launcher.communicate(timeout=60)
-    assert launcher.returncode == 143 and said.count("jaxdem:") == 1 and "checkpoint" in said
+    assert launcher.returncode == 130 and said.count("jaxdem:") == 1 and "checkpoint" in said
     assert not any(map(alive, processes)) and frames(out) < on_two.number_of_frames
 
-    done = command("run", scene, "--out", out, "--processes", 2, "--resume")
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith("valid     yes") and done.stdout.count("valid") == 1
+    codes, shown, said = by_srun("run", scene, "--out", out, "--resume")
+    assert codes == [0, 0], said
+    assert shown.startswith("valid     yes") and shown.count("valid") == 1 and "Gloo" not in said
     run = load_run(out)
     assert run.number_of_frames == on_two.number_of_frames
     assert max(largest_difference(run, on_two).values()) == 0.0, "bit for bit, on the same number of devices"
@@ -187,7 +224,10 @@ def test_two_processes_are_killed_and_stopped_and_go_on(scene, on_two, tmp_path)
         for column, values in on_two.probes[name].items():
             assert np.array_equal(run.probes[name][column], values), (name, column)
     assert run.probes.units("middle")["mass_flow"] == "kg/s"
-    assert run.summary["devices"]["processes"] == 2 and run.summary["complete"]
+    told = run.summary["devices"]
+    assert told["processes"] == 2 and run.summary["complete"]
+    assert 0.0 <= told["move_s"] < run.summary["stages_s"]["step"], "of 60 grains; there only if grains went"
+    assert told["cuts_s"] == told["cuts"] * told["move_s"]
     assert run.summary["energy"] == on_two.summary["energy"]
 
     reader = vtkHDFReader()
@@ -201,7 +241,7 @@ def test_two_processes_are_killed_and_stopped_and_go_on(scene, on_two, tmp_path)
 
 
 def test_a_message_comes_once(scene, tmp_path):
-    """What is wrong is said before processes are started, or by the first of them alone."""
+    """What is wrong is said before processes are started."""
     for arguments, text in (
         (("--processes", 2, "--devices", 3), "must be a multiple of the number of processes, 2"),
         (("--processes", 2, "--set", "particles.count=-1"), "particles.count"),
@@ -212,19 +252,23 @@ def test_a_message_comes_once(scene, tmp_path):
 
 
 def test_more_processes_than_cores_or_slabs(scene, tmp_path, monkeypatch):
-    """None is started where the box cannot be cut so; what is more than the cores is told."""
+    """None is started where the box cannot be cut so, also of fewer than the cores; what is more than these is told."""
     started = []
     monkeypatch.setattr(members, "run_processes", lambda number, _: started.append(number) or Outcome(0, None))
     monkeypatch.setattr(members.process, "be_silent", lambda: None)
     monkeypatch.setattr(members, "start_jax", lambda precision: None)  # as the other tests have it
-    monkeypatch.setattr(members.os, "sched_getaffinity", lambda _: {0, 1})
+    cores = {0, 1, 2, 3}
+    monkeypatch.setattr(members.os, "sched_getaffinity", lambda _: cores)
 
-    def run(processes):
-        given = ["run", scene, "--out", tmp_path / "run", "--set", "precision=float32", "--processes", processes]
+    def run(processes, *more):
+        given = ["run", scene, "--out", tmp_path / "run", "--set", "precision=float32", "--processes", processes, *more]
         return CliRunner().invoke(app, [str(one) for one in given])
 
-    refused = run(99)
-    assert refused.exit_code == 2 and "cut into 99 slabs" in " ".join(refused.output.split()), refused.output
+    for number, more in ((99, ()), (3, ("--set", "contact.skin=2.0"))):
+        refused = run(number, *more)
+        text = " ".join(refused.output.split())
+        assert refused.exit_code == 2 and f"cut into {number} slabs" in text and not started, text
+    cores -= {2, 3}
     for number, told in ((3, True), (2, False)):
         done = run(number)
         assert done.exit_code == 0 and ("3 processes share 2 cores" in " ".join(done.output.split())) == told, (
@@ -234,9 +278,7 @@ def test_more_processes_than_cores_or_slabs(scene, tmp_path, monkeypatch):
 
 
 def test_who_a_process_is():
-    slurm = {
-        "SLURM_JOB_ID": "7", "SLURM_STEP_NODELIST": "a", "SLURM_NTASKS": "4", "SLURM_PROCID": "3", "SLURM_LOCALID": "1"
-    }  # fmt: skip
+    slurm = {name: str(value) for name, value in of_slurm(3, 4).items()}
     assert member({}) is None
     assert member(slurm)[:3] == (3, 4, None)
     assert member(slurm | {"SLURM_NTASKS": "1", "SLURM_PROCID": "0"}) is None
@@ -253,3 +295,73 @@ def test_who_a_process_is():
     with pytest.raises(InputError, match="JAX_COORDINATOR_ADDRESS"):
         member(mpi)
     assert member(mpi | {"JAX_COORDINATOR_ADDRESS": "host:1"})[:3] == (1, 2, "host:1")
+    # Open MPI 4.1 says where its mpirun is. On the other nodes of a job of Slurm its daemons are tasks of srun.
+    mpi["OMPI_MCA_orte_hnp_uri"] = OPEN_MPI["OMPI_MCA_orte_hnp_uri"]
+    daemon = {name: str(value) for name, value in of_slurm(1, 2).items()}
+    assert member(mpi)[:3] == (1, 2, None)
+    assert member(mpi | daemon | {"OMPI_COMM_WORLD_RANK": "5", "OMPI_COMM_WORLD_SIZE": "8"})[:3] == (5, 8, None)
+    # srun sets the variables of MPICH too where it is asked to; mpiexec of MPICH has daemons like those.
+    assert member(daemon | {"PMI_RANK": "1", "PMI_SIZE": "2"})[:3] == (1, 2, None)
+    with pytest.raises(InputError, match="JAX_COORDINATOR_ADDRESS"):
+        member(daemon | {"PMI_RANK": "5", "PMI_SIZE": "8"})
+
+
+OPEN_MPI = {
+    "OMPI_COMM_WORLD_RANK": 1, "OMPI_COMM_WORLD_SIZE": 2, "OMPI_COMM_WORLD_LOCAL_RANK": 1,
+    "OMPI_MCA_orte_hnp_uri": "1354104832.0;tcp://192.0.2.2:41811;tcp6://[fd00::2]:58565",
+}  # fmt: skip
+FIRST_PORT = 65535 - 2**12 + 1  # JAX takes one of those above it by the number of the job
+AT_MPIRUN = f"192.0.2.2:{FIRST_PORT + (1354104832 // 2**12) % 2**12}"
+
+
+@pytest.mark.parametrize(
+    ("variables", "address"),
+    [
+        (of_slurm(1, 2) | {"SLURM_STEP_NODELIST": "node[03-04,07]"}, f"node03:{FIRST_PORT + 7}"),
+        (OPEN_MPI, AT_MPIRUN),
+        (of_slurm(0, 2) | OPEN_MPI, AT_MPIRUN),
+    ],
+    ids=["slurm", "open_mpi", "open_mpi_in_slurm"],
+)
+def test_jax_finds_the_first_process(monkeypatch, variables, address):
+    """By the variables that `member` relies on."""
+    from jax._src import clusters
+
+    for name, value in variables.items():
+        monkeypatch.setenv(name, str(value))
+    assert member()[:3] == (1, 2, None)
+    found = clusters.ClusterEnv.auto_detect_unset_distributed_params(None, None, None, None, None, 1)
+    assert found[:3] == (address, 2, 1)
+
+
+LOST = """E1130 20:07:36.297378    9656 coordination_service.cc:1549] [9] Use error polling to propagate to all tasks: \
+UNAVAILABLE: The following tasks are unhealthy (stopped sending heartbeats):
+1
+The tasks have crashed. Check the task logs for an earlier error
+F1130 20:07:36.298096 9667 client.h:80] Terminating process because the JAX distributed service detected fatal errors.
+*** Check failure stack trace: ***
+    @     0x7f31ed040634  absl::lts_20260107::log_internal::LogMessage::SendToLog()
+"""
+
+
+def test_what_libraries_write():
+    """It is handed on, but for a greeting of gloo; of the traces of processes that have lost another a sentence."""
+    told = "jaxdem: Process 1 of 3 was ended or does not answer any more. The run has stopped. Go on with --resume\n"
+    reset = LOST.replace("stopped sending heartbeats):\n1\n", "Connection reset by peer)\n")
+    for rank, written, shown in (
+        (0, "[Gloo] Rank 0 is connected to 2 peer ranks\na warning\nmore", "a warning\nmore"),
+        (0, f"a warning\n{LOST}", f"a warning\n{told}"),
+        (2, LOST, ""),
+        (1, reset, told.replace("Process 1", "Process 0")),
+        (1, LOST.partition("F1130")[0], LOST.partition("F1130")[0]),
+    ):
+        command = [sys.executable, "-I", "-S", library_output.__file__, str(rank), "3"]
+        done = subprocess.run(command, input=written, capture_output=True, text=True, timeout=60, check=True)
+        assert (done.stdout, done.stderr) == ("", shown)
+
+
+def test_heartbeat():
+    assert heartbeat({}) == 30 and heartbeat({"JAXDEM_HEARTBEAT": "100"}) == 100
+    for text in ("0", "soon", "-1"):
+        with pytest.raises(InputError, match="JAXDEM_HEARTBEAT"):
+            heartbeat({"JAXDEM_HEARTBEAT": text})
