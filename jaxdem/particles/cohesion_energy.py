@@ -18,19 +18,16 @@ from jax import Array
 
 from jaxdem.errors import required
 from jaxdem.numerics.vectors import Vector
-from jaxdem.particles.cohesion import (
-    CapillaryBridge,
-    Cohesion,
-    CohesionConstants,
+from jaxdem.particles.adhesion import (
     DerjaguinMullerToporov,
-    Gap,
     JohnsonKendallRoberts,
     SimplifiedJKR,
     VanDerWaals,
     contact_root,
     jkr_unit,
-    rupture_factor,
 )
+from jaxdem.particles.capillary_bridge import CapillaryBridge, rupture_factor
+from jaxdem.particles.cohesion import Cohesion, CohesionConstants, Gap
 
 KINDS = (JohnsonKendallRoberts, DerjaguinMullerToporov, VanDerWaals, CapillaryBridge, SimplifiedJKR)
 """Kinds of cohesion whose energy is known."""

@@ -16,9 +16,9 @@ from jaxdem.numerics.quotients import quotient
 from jaxdem.numerics.stages import stage
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles import tangent
-from jaxdem.particles.cohesion import TOUCHING, Attraction, Gap
+from jaxdem.particles.cohesion import TOUCHING, Attraction, BegunByTouch, Gap
 from jaxdem.particles.contact import Contact, ContactForce, ContactMaterial, StoringLaw
-from jaxdem.particles.contact_pair import ContactLoad, ContactPair, LoadParts
+from jaxdem.particles.contact_pair import ContactLoad, ContactPair, LoadParts, sum_slots
 from jaxdem.particles.contact_step import ContactStep
 from jaxdem.particles.film_load import FilmLoad, film_load
 from jaxdem.particles.lubrication import wet_friction
@@ -29,11 +29,15 @@ def contact_load(step: ContactStep, material: ContactMaterial, pair: ContactPair
     """What all contacts do; zero, and nothing computed, where nothing touches."""
     # Within the step an overlap changes by less than this: also a contact that is about to begin has a dashpot.
     change = 0.5 * step.time_step * vectors.length(pair.approach)
-    if step.model.cohesion is not None:
-        change = change + step.model.cohesion.reach(gap_of(pair, material), required(material.cohesion, "cohesion"))
+    near, cohesion = pair.overlap, step.model.cohesion
+    begun: Array | bool = False
+    if isinstance(cohesion, BegunByTouch):
+        begun = cohesion.begun(spring[len(spring) - cohesion.memory :])
+    elif cohesion is not None:
+        near = near + cohesion.reach(gap_of(pair, material), required(material.cohesion, "cohesion"))
     if step.model.lubrication is not None:
-        change = change + required(material.lubrication, "lubrication").cutoff
-    return stage(jnp.any(pair.overlap + change > 0), lambda: _law(step, material, pair, spring))
+        near = near + required(material.lubrication, "lubrication").cutoff
+    return stage(jnp.any((near + change > 0) | begun), lambda: _law(step, material, pair, spring))
 
 
 def _law(step: ContactStep, material: ContactMaterial, pair: ContactPair, spring: Vector) -> ContactLoad:
@@ -109,7 +113,7 @@ def _meeting(
     spin, relative_spin = vectors.scale(pair.radius - 0.5 * overlap, pair.spin), pair.spin
     sharing: Array | float = 1.0
     if pair.other_spin is None:
-        sharing = jnp.maximum(jnp.sum(touching, axis=0, dtype=overlap.dtype), 1.0)[None]
+        sharing = jnp.maximum(sum_slots(touching.astype(overlap.dtype)), 1.0)[None]
         if pair.wall_spin is not None:
             relative_spin = vectors.subtract(relative_spin, pair.wall_spin)
     else:

@@ -13,7 +13,8 @@ from jaxdem.numerics import vectors
 from jaxdem.numerics.static import static
 from jaxdem.particles import walls
 from jaxdem.particles.bond_state import Bonding
-from jaxdem.particles.cohesion import CapillaryBridge, Cohesion
+from jaxdem.particles.capillary_bridge import CapillaryBridge
+from jaxdem.particles.cohesion import Cohesion
 from jaxdem.particles.contact import ContactLaw, ContactMaterial
 from jaxdem.particles.lubrication import Lubrication
 from jaxdem.particles.moving_walls import Piston, SurfaceMotion

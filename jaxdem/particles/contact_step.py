@@ -92,11 +92,12 @@ class ContactStep:
     tiled: bool = False
     pair_sizes: PairSizes | None = None
 
-    def of_rows(self, cut: Cut) -> ContactStep:
+    def of_rows(self, cut: Cut, spring: Vector) -> ContactStep:
         """The step of the particles in a tile alone, as contacts with walls need it.
 
         Args:
             cut: takes the rows of the tile. What belongs to pairs, meshes and bonds is left as it is.
+            spring: what the contacts of these rows with walls keep.
         """
         motion, properties = self.motion, cut(self.properties)
         if self.model.materials is not None and properties.identity is None and cut.start is not None:
@@ -104,7 +105,7 @@ class ContactStep:
             properties = properties._replace(identity=cut(numbers))
         own = motion._replace(
             position=cut(motion.position), low=cut(motion.low), velocity=cut(motion.velocity),
-            angular_velocity=cut(motion.angular_velocity), wall_spring=cut(motion.wall_spring),
+            angular_velocity=cut(motion.angular_velocity), wall_spring=spring,
         )  # fmt: skip
         return dataclasses.replace(
             self,

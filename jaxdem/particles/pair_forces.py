@@ -74,16 +74,14 @@ class _PairSums(NamedTuple):
     Attributes:
         force: on the first of each pair, minus that on the second [N].
         torque, other_torque: on the first, and on the second [N m].
-        spring: what they keep.
-        overlap: for the bridges; None without liquid [m].
+        changed: bool, bridges that form or rupture; None without liquid.
         found: the contacts themselves, None where no balance of energy is kept.
     """
 
     force: Vector
     torque: Vector
     other_torque: Vector
-    spring: Vector
-    overlap: Array | None
+    changed: Array | None
     found: tuple[ContactPair, ContactLoad] | None
 
 
@@ -96,7 +94,7 @@ def counted_pairs(neighbors: Neighbors) -> Array | None:
 
 def add_pairs(step: ContactStep, neighbors: Neighbors, sums: Sums) -> tuple[Sums, Vector]:
     """Adds the contacts between particles; returns their new springs too."""
-    contacts = _all_pairs(step, neighbors)
+    contacts, spring = _all_pairs(step, neighbors)
     pairs = neighbors.pairs
 
     def added(total: Vector, on_one: Vector, on_other: Vector) -> Vector:
@@ -104,10 +102,11 @@ def add_pairs(step: ContactStep, neighbors: Neighbors, sums: Sums) -> tuple[Sums
         return tuple(x + sum_over_pairs(a, b, pairs) for x, a, b in parts)
 
     both = added(sums.force, contacts.force, vectors.scale(-1.0, contacts.force))
-    film, spring = sums.liquid, contacts.spring
+    film = sums.liquid
     if film is not None:
-        volume, constants = step.motion.contact_spring[-1], required(step.surroundings.pair.cohesion, "cohesion")
-        volume, film = liquid.with_pairs(required(contacts.overlap, "overlap"), volume, film, pairs, constants)
+        volume, constants = spring[-1], required(step.surroundings.pair.cohesion, "cohesion")
+        changed = required(contacts.changed, "changed bridges")
+        volume, film = liquid.with_pairs(changed, volume, film, pairs, constants, sparsely=step.tiled)
         spring = (*spring[:-1], volume)
     summed = Sums(both, added(sums.torque, contacts.torque, contacts.other_torque), liquid=film)
     if contacts.found is not None:
@@ -115,25 +114,34 @@ def add_pairs(step: ContactStep, neighbors: Neighbors, sums: Sums) -> tuple[Sums
     return summed, spring
 
 
-def _all_pairs(step: ContactStep, neighbors: Neighbors) -> _PairSums:
-    """What all contacts between particles do."""
+def _all_pairs(step: ContactStep, neighbors: Neighbors) -> tuple[_PairSums, Vector]:
+    """What all contacts between particles do, and what they keep."""
     displacement = displacement_since_build(step.motion.position, step.motion.low, neighbors)
     pairs = neighbors.pairs
 
-    def of_rows(cut: Cut) -> _PairSums:
+    kept = step.motion.contact_spring
+    springs = kept if step.motion.liquid is None else kept[:-1]  # the law leaves the bridges as they are
+    bridges = kept[len(springs) :]
+
+    def of_rows(cut: Cut, spring: Vector) -> tuple[_PairSums, Vector]:
         own = dataclasses.replace(
             neighbors,
             pairs=pairs._replace(first=cut(pairs.first), second=cut(pairs.second)),
             separation=cut(neighbors.separation),
             overlap=cut(neighbors.overlap),
         )
-        motion = step.motion._replace(contact_spring=cut(step.motion.contact_spring))
+        motion = step.motion._replace(contact_spring=(*spring, *cut(bridges)))
         seen = dataclasses.replace(step, motion=motion, pair_sizes=cut(step.pair_sizes))
         pair, load = pair_contacts(seen, own, displacement)
-        overlap = None if step.motion.liquid is None else pair.overlap
-        return _PairSums(*on_bodies(load, pair), load.spring, overlap, (pair, load) if step.model.energy else None)
+        changed = None
+        if bridges:
+            constants = required(step.surroundings.pair.cohesion, "cohesion")
+            changed = liquid.changes(pair.overlap, cut(bridges[0]), constants)
+        found = (pair, load) if step.model.energy else None
+        return _PairSums(*on_bodies(load, pair), changed, found), load.spring[: len(springs)]
 
-    return in_tiles(len(pairs.first), of_rows) if step.tiled else of_rows(ALL)
+    done, springs = in_tiles(len(pairs.first), of_rows, springs) if step.tiled else of_rows(ALL, springs)
+    return done, (*springs, *bridges)
 
 
 def _found(

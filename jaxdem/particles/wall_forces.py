@@ -62,7 +62,6 @@ class _WallSums(NamedTuple):
         force, torque: on every particle [N, N m].
         loads: what each does to the walls that are measured; None without.
         liquid: films; None without capillary bridges [m3].
-        spring: what the contacts keep, (S, N) each.
         found: the contacts themselves, None where no balance of energy is kept.
     """
 
@@ -70,23 +69,22 @@ class _WallSums(NamedTuple):
     torque: Vector
     loads: WallLoads | None
     liquid: Array | None
-    spring: Vector
     found: tuple[ContactPair, ContactLoad] | None
 
 
 def add_walls(step: ContactStep, sums: Sums) -> tuple[Sums, Vector]:
     """Adds the contacts with the walls."""
 
-    def of_rows(cut: Cut) -> _WallSums:
-        return _walls_of(step.of_rows(cut), cut(sums.liquid))
+    def of_rows(cut: Cut, spring: Vector) -> tuple[_WallSums, Vector]:
+        return _walls_of(step.of_rows(cut, spring), cut(sums.liquid))
 
-    count, number = len(step.motion.position[0]), step.model.analytic_walls
-    done = in_tiles(count, of_rows, number) if step.tiled else of_rows(ALL)
+    count, number, kept = len(step.motion.position[0]), step.model.analytic_walls, step.motion.wall_spring
+    done, spring = in_tiles(count, of_rows, kept, number) if step.tiled else of_rows(ALL, kept)
     force, torque = vectors.add(sums.force, done.force), vectors.add(sums.torque, done.torque)
-    summed, spring = Sums(force, torque, done.loads, done.liquid), done.spring
+    summed = Sums(force, torque, done.loads, done.liquid)
     if done.found is not None:
-        kept, before = len(spring) - step.model.memory, step.motion.wall_spring
-        memory = ((before[kept:], spring[kept:]),) if step.model.memory else ()
+        first = len(spring) - step.model.memory
+        memory = ((kept[first:], spring[first:]),) if step.model.memory else ()
         numbers = tuple(range(number))
         pair, load = done.found
         found = FoundContacts(pair, load, wall_material(step), rows, None, sum_slots, memory, walls=numbers)
@@ -94,20 +92,20 @@ def add_walls(step: ContactStep, sums: Sums) -> tuple[Sums, Vector]:
     return summed, spring
 
 
-def _walls_of(step: ContactStep, film: Array | None) -> _WallSums:
-    """What the walls do to the particles of a step, whose films are given."""
+def _walls_of(step: ContactStep, film: Array | None) -> tuple[_WallSums, Vector]:
+    """What the walls do to the particles of a step, whose films are given, and what the contacts keep, (S, N) each."""
     pair, load = wall_contacts(step)
     force, torque, _ = on_bodies(load, pair)
     loads = _wall_loads(step, pair, load) if step.model.measured_analytic else None
     spring = load.spring
     if film is not None:
-        volume, constants = step.motion.wall_spring[-1], required(step.surroundings.wall.cohesion, "cohesion")
-        volume, film = liquid.with_walls(pair.overlap, volume, film, constants)
+        # Bridges as the law gives them back: where it is not needed there is none.
+        constants = required(step.surroundings.wall.cohesion, "cohesion")
+        volume, film = liquid.with_walls(pair.overlap, spring[-1], film, constants)
         spring = (*spring[:-1], volume)
     found = (pair, load) if step.model.energy else None
-    return _WallSums(
-        tuple(sum_slots(x) for x in force), tuple(sum_slots(x) for x in torque), loads, film, spring, found
-    )
+    force, torque = (tuple(sum_slots(x) for x in vector) for vector in (force, torque))
+    return _WallSums(force, torque, loads, film, found), spring
 
 
 def wall_geometry(

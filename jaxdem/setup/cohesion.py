@@ -1,6 +1,6 @@
 """What cohesion does to the limits of a scene: reach, depth of an impact, pull-off force, steepest attraction.
 
-Host side, plain numbers. Equations: `jaxdem.particles.cohesion`.
+Host side, plain numbers. Equations: `jaxdem.particles.adhesion` and `capillary_bridge`.
 """
 
 from __future__ import annotations

@@ -7,15 +7,15 @@ from collections.abc import Callable
 import numpy as np
 
 from jaxdem.errors import InputError
-from jaxdem.particles.bond_state import Bonding
-from jaxdem.particles.cohesion import (
-    CapillaryBridge,
-    Cohesion,
+from jaxdem.particles.adhesion import (
     DerjaguinMullerToporov,
     JohnsonKendallRoberts,
     SimplifiedJKR,
     VanDerWaals,
 )
+from jaxdem.particles.bond_state import Bonding
+from jaxdem.particles.capillary_bridge import CapillaryBridge
+from jaxdem.particles.cohesion import Cohesion
 from jaxdem.particles.contact import ContactLaw, HertzMindlin, LinearSpringDashpot
 from jaxdem.particles.contact_interval import ContactInterval
 from jaxdem.particles.contact_model import ContactModel, MaterialIndex, MeshWall

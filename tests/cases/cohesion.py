@@ -14,13 +14,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxdem.particles.cohesion import (
-    CapillaryBridge,
+from jaxdem.particles.adhesion import (
     DerjaguinMullerToporov,
     JohnsonKendallRoberts,
     SimplifiedJKR,
     VanDerWaals,
 )
+from jaxdem.particles.capillary_bridge import CapillaryBridge
 from jaxdem.particles.surfaces import Plane
 from tests.cases.registry import Figure, absolute, at_least, below, case, relative
 from tests.cases.worlds import World, batch, constants, forces, track, world

@@ -17,14 +17,14 @@ import jaxdem
 from examples.extending.cohesion import SCENE, AdhesiveSpheres
 from jaxdem.check.check import check_scene
 from jaxdem.errors import InputError
-from jaxdem.particles.cohesion import (
-    CapillaryBridge,
+from jaxdem.particles.adhesion import (
     DerjaguinMullerToporov,
     JohnsonKendallRoberts,
     SimplifiedJKR,
     VanDerWaals,
     contact_root,
 )
+from jaxdem.particles.capillary_bridge import CapillaryBridge
 from jaxdem.particles.materials import surroundings
 from tests.cases.cohesion import EFFECTIVE_MODULUS, EFFECTIVE_RADIUS, RADIUS, WORK, jkr_radii, two
 from tests.cases.steps import time_steps

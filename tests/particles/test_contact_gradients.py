@@ -10,7 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxdem.particles.cohesion import CapillaryBridge, CohesionConstants, Gap, VanDerWaals
+from jaxdem.particles.adhesion import VanDerWaals
+from jaxdem.particles.capillary_bridge import CapillaryBridge
+from jaxdem.particles.cohesion import CohesionConstants, Gap
 from jaxdem.particles.contact import Contact, ContactForce, ContactMaterial, HertzMindlin, LinearSpringDashpot
 from jaxdem.particles.integrate import Motion, ParticleProperties, kick
 from jaxdem.particles.lubrication import LubricationConstants, wet_friction
