@@ -1,10 +1,11 @@
 """What cohesion costs: a contact step of a pile with each kind over that of the same pile without.
 
-    python benchmarks/cohesion.py [--count 20000] [--steps 300] [--rounds 7] [--warm-up 3000]
+    python benchmarks/cohesion.py [--count 20000] [--steps 300] [--rounds 7] [--warm-up 3000] [--ratio 3] [--kinds ...]
 
 The pile of `benchmarks/contact.py` collapses for `warm-up` steps without cohesion. From that state all kinds take the
 same number of steps in turns, forwards and backwards; the figure is the ratio of the least processor times. Bond number
-10: the pull-off force is ten times the weight. Lists are kept in date as in a run.
+10: the pull-off force is ten times the weight. Lists are kept in date as in a run. With `--ratio` half of the grains,
+at random places, are so many times smaller, and steps as much shorter.
 """
 
 from __future__ import annotations
@@ -47,10 +48,25 @@ KINDS: dict[str, dict[str, Any] | None] = {
 }
 
 
-def scene_of(cohesion: dict[str, Any] | None, file: Path, box: tuple[float, float]) -> jaxdem.Scene:
+def of_sizes(cohesion: dict[str, Any] | None, ratio: float) -> dict[str, Any] | None:
+    """The same for a smallest radius that is `ratio` times smaller: its pull-off force is ten times its weight, and no
+    attraction is longer than half of that radius."""
+    if cohesion is None or ratio == 1.0:
+        return cohesion
+    shorter = {"minimum_gap": 1.0 / ratio, "cutoff": 1.0 / ratio, "hamaker_constant": ratio**-4}
+    weaker = dict.fromkeys(("work_of_adhesion", "surface_tension"), ratio**-2.0)
+    return {key: x if key == "kind" else x * (shorter | weaker).get(key, 1.0) for key, x in cohesion.items()}
+
+
+def scene_of(cohesion: dict[str, Any] | None, file: Path, box: tuple[float, float], ratio: float = 1.0) -> jaxdem.Scene:
     """The pile, with or without cohesion."""
+    radius: Any = RADIUS
+    if ratio != 1.0:
+        small = np.random.default_rng(0).uniform(size=len(np.loadtxt(file))) < 0.5
+        radius = np.where(small, RADIUS / ratio, RADIUS).tolist()
+    step, cohesion = STEP / ratio, of_sizes(cohesion, ratio)
     contact: dict[str, Any] = {
-        "young_modulus": 7e7, "restitution": 0.7, "friction": 0.1, "rolling_friction": 0.1, "time_step": STEP,
+        "young_modulus": 7e7, "restitution": 0.7, "friction": 0.1, "rolling_friction": 0.1, "time_step": step,
         "maximum_overlap": 0.5,
     }  # fmt: skip
     if cohesion is not None:
@@ -59,9 +75,9 @@ def scene_of(cohesion: dict[str, Any] | None, file: Path, box: tuple[float, floa
     return jaxdem.load_scene(
         {
             "domain": {"size": list(box), "depth": 0.04},
-            "particles": {"position": str(file), "radius": RADIUS, "density": DENSITY},
+            "particles": {"position": str(file), "radius": radius, "density": DENSITY},
             "contact": contact,
-            "time": {"end": 1.0, "output_interval": CHUNK * STEP},
+            "time": {"end": 1.0, "output_interval": CHUNK * step},
         }
     )
 
@@ -88,21 +104,33 @@ def contender(scene: jaxdem.Scene, settled: Any) -> tuple[Callable[[int, tuple],
     return run, (state, neighbors)
 
 
+def pairs_of(state: Any, neighbors: Any) -> tuple[int, int]:
+    """Number of pairs that are listed, and of those that touch or hold each other."""
+    there = np.asarray(neighbors.pairs.first != neighbors.pairs.second)
+    springs = [np.asarray(spring) != 0 for spring in state.particles.contact_spring]
+    return int(there.sum()), int((there & np.any(springs, axis=0)).sum())
+
+
 def main() -> None:
-    """Measures and writes results/cohesion.{json,md}."""
+    """Measures and writes results/cohesion.{json,md}, or cohesion_of_sizes."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     for name, value in (("--count", 20_000), ("--steps", 300), ("--rounds", 7), ("--warm-up", 3000)):
         parser.add_argument(name, type=int, default=value)
+    parser.add_argument("--ratio", type=float, default=1.0)
+    parser.add_argument("--kinds", nargs="+", default=list(KINDS), choices=list(KINDS), help="`none` first")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "column.txt"
         position, box = column(arguments.count)
         np.savetxt(file, position)
-        run, start = contender(scene_of(None, file, box), None)
+        run, start = contender(scene_of(None, file, box, arguments.ratio), None)
         settled = run(arguments.warm_up // CHUNK, start)[0].particles
-        runs = {name: contender(scene_of(cohesion, file, box), settled) for name, cohesion in KINDS.items()}
+        chosen = {name: KINDS[name] for name in dict.fromkeys(["none", *arguments.kinds])}
+        scenes = {name: scene_of(cohesion, file, box, arguments.ratio) for name, cohesion in chosen.items()}
+        runs = {name: contender(scene, settled) for name, scene in scenes.items()}
     chunks = max(arguments.steps // CHUNK, 1)
     warm = {name: run(1, start) for name, (run, start) in runs.items()}  # contacts remember, bridges are made
+    listed = {name: pairs_of(*state) for name, state in warm.items()}
     seconds: dict[str, list[float]] = {name: [] for name in runs}
     for number in range(arguments.rounds):
         for name in list(runs) if number % 2 == 0 else list(runs)[::-1]:
@@ -111,16 +139,17 @@ def main() -> None:
             seconds[name].append((time.process_time() - begin) / (chunks * CHUNK))
     least = {name: min(values) for name, values in seconds.items()}
     lines = [
-        "| cohesion | contact step [ms] | over none | range over rounds |",
-        "| --- | --- | --- | --- |",
+        "| cohesion | contact step [ms] | over none | range over rounds | pairs listed | contacts |",
+        "| --- | --- | --- | --- | --- | --- |",
     ]
     for name, values in seconds.items():
         pairs = [a / b for a, b in zip(values, seconds["none"], strict=True)]
         lines.append(
             f"| {name} | {1e3 * least[name]:.2f} | {least[name] / least['none']:.2f} | {min(pairs):.2f} to "
-            f"{max(pairs):.2f} |"
+            f"{max(pairs):.2f} | {listed[name][0]} | {listed[name][1]} |"
         )
-    harness.write("cohesion", {"arguments": vars(arguments), "seconds_per_step": seconds}, "\n".join(lines))
+    name = "cohesion" if arguments.ratio == 1.0 else "cohesion_of_sizes"
+    harness.write(name, {"arguments": vars(arguments), "seconds_per_step": seconds}, "\n".join(lines))
 
 
 if __name__ == "__main__":
