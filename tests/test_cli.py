@@ -23,6 +23,7 @@ from jaxdem import __version__, load_run
 from jaxdem.cli import options as declared
 from jaxdem.cli.inputs import this_command
 from jaxdem.cli.main import app
+from jaxdem.cli.progress import StudyDisplay
 from jaxdem.closures import (
     EnsembleClosure,
     InvariantClosure,
@@ -432,8 +433,10 @@ def test_a_sweep_goes_on_after_a_failed_run_and_where_it_was_stopped(grains, tmp
     refused(invoke(*arguments, "--set", "contact.friction=0.1"), "contact.friction", "same scene")
 
 
-def test_a_sweep_goes_on_after_a_stage_that_failed(tmp_path):
-    """The folder of the stages is no run: it is the stage that says how far it got."""
+def test_a_sweep_goes_on_after_a_stage_that_failed(tmp_path, monkeypatch):
+    """The folder of the stages is no run: it is the stage that says how far it got. The bar goes to the end of all."""
+    stage, totals = StudyDisplay.stage, []
+    monkeypatch.setattr(StudyDisplay, "stage", lambda *given: (totals.append(given[2]), stage(*given))[1])
     stages = '[[stages]]\nname = "one"\ntime.end = 0.02\n[[stages]]\nname = "two"\ntime.end = 0.04\n'
     (tmp_path / "scene.toml").write_text(GRAINS.replace("end = 0.04", "end = 0.02") + stages)
     vary = ("--vary", f"particles.velocity={FAST},{STILL}", "--set", "contact.speed=1.0")
@@ -442,7 +445,7 @@ def test_a_sweep_goes_on_after_a_stage_that_failed(tmp_path):
     with open(tmp_path / "sweep" / "sweep.csv", newline="") as file:
         failed, sound = csv.DictReader(file)
     assert [failed["valid"], sound["valid"]] == ["false", "true"] and "particle 1" in failed["reason"]
-    assert load_run(tmp_path / "sweep" / sound["run"] / "two").times[-1] == 0.04
+    assert load_run(tmp_path / "sweep" / sound["run"] / "two").times[-1] == 0.04 and totals == [0.04, 0.04]
 
 
 PROBED = """

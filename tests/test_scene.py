@@ -524,7 +524,11 @@ def test_what_is_no_scene_is_refused(tmp_path):
         for value in ("scene.toml", VALID, None):
             with pytest.raises(InputError, match=r"(?s)^scene.*jaxdem.load_scene"):
                 call(value)
-    for out, options, name in ((None, {}, "out"), (tmp_path / "run", {"progress": 3}, "progress")):
+    run = tmp_path / "run"
+    for out, options, name in (
+        (None, {}, "out"), (run, {"progress": 3}, "progress"), (run, {"resume": "no"}, "resume"),
+        (run, {"profile": 2}, "profile"),
+    ):  # fmt: skip
         with pytest.raises(InputError, match=name):
             simulate(load_scene(VALID), out, **options)
 

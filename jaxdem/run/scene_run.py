@@ -69,6 +69,9 @@ def simulate(
     for name, function in (("progress", progress), ("settling", settling)):
         if function is not None and not callable(function):
             raise InputError(name, function, "is no function", "give one that is called now and then, or None")
+    for name, value in (("resume", resume), ("profile", profile)):
+        if value not in (True, False):
+            raise InputError(name, value, "is neither True nor False", "give one of them")
     options = RunOptions(closure, resume, progress, profile, settling, devices)
     if isinstance(scene, StagedScene):
         return simulate_stages(scene, Path(out), options, **extensions)
