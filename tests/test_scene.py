@@ -19,7 +19,7 @@ from jaxdem import InputError, build, external_fluid, initial_state, load_scene,
 from jaxdem.closures import KochHill, SubgridClosure
 from jaxdem.fluid.boundary import Side
 from jaxdem.fluid.inlet import Parabola
-from jaxdem.particles.cohesion import JohnsonKendallRoberts
+from jaxdem.particles.adhesion import JohnsonKendallRoberts
 from jaxdem.particles.contact import HertzMindlin
 from jaxdem.run.samples import samples_every
 from jaxdem.scene import parse_override
