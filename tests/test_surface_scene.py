@@ -68,9 +68,6 @@ REFUSED = {
     "surface.temperature": {"surface__temperature": 0.0},
     "scalars.0.name": {"scalars": [{"name": "liquid_fraction"}]},
     "scalars.0.dissolved_in": {"scalars": [{"name": "dye", "dissolved_in": "gas"}]},
-    "walls.0.fluid": {
-        "walls": [{"kind": "cylinder", "center": [0.2, 0.1], "radius": 0.03, "inside": False, "fluid": "no_slip"}]
-    },
     "boundary.left.level": {"boundary__left": {"kind": "inlet", "velocity": 0.1}},
     "boundary.top.level": {"boundary__top": {"kind": "free_slip", "level": 0.1}},
     "boundary.right.level": {"surface": None},

@@ -9,6 +9,7 @@ from jax import Array
 
 from jaxdem.fluid.advection import AdvectionScheme, advection, flux_through_control_surfaces
 from jaxdem.fluid.boundary import Sides, with_ghosts
+from jaxdem.fluid.cut_cells import CutCells
 from jaxdem.fluid.grid import FaceField, Grid, along, own_layers, sum_of
 from jaxdem.fluid.mesh import beyond
 
@@ -95,6 +96,58 @@ def carried_momentum(
     )
     mean = _MeanOverStep(mass_flux, velocity, time_step, leaving)
     return advection(grid, sides, scheme, mass_flux, velocity, mean)
+
+
+class CarriedBesideWalls(NamedTuple):
+    """Momentum carried between surfaces within the mesh, on the faces.
+
+    Attributes:
+        gain: -div(M u); on closed faces what they would gain [N/m3].
+        into: mass that comes into the control volumes [kg/(m3 s)].
+    """
+
+    gain: FaceField
+    into: FaceField
+
+
+class _BesideSurfaces(NamedTuple):
+    """Values carried between surfaces: those over a step, and between an open and a closed face the open one's."""
+
+    mean: _MeanOverStep
+    cut: CutCells
+
+    def surface_value(self, grid: Grid, value: Array, around: Array, which: int, axis: int) -> Array:
+        """See the class."""
+        value = self.mean.surface_value(grid, value, around, which, axis)
+        return self.cut.surface_value(grid, value, around, which, axis)
+
+
+def carried_beside_walls(
+    grid: Grid,
+    sides: Sides,
+    scheme: AdvectionScheme,
+    mass_flux: FaceField,
+    velocity: FaceField,
+    mass: tuple[FaceField, FaceField],
+    time_step: Array,
+    cut: CutCells,
+) -> CarriedBesideWalls:
+    """`carried_momentum` between surfaces; out of control volumes that they cut goes their velocity, without a slope.
+
+    Args:
+        grid, sides, scheme, mass_flux, velocity, time_step: as there; the flux through the open parts of the faces.
+        mass: at the start of the step, by the volume of the box [kg/m3]; and 1 on whole control volumes, 0 on others.
+        cut: the surfaces.
+    """
+    leaving, into = [], []
+    for which, (m, whole) in enumerate(zip(*mass, strict=True)):
+        passing = _passing(grid, sides, mass_flux, velocity, which)
+        own = _leaving(passing, velocity[which], jnp.where(whole > 0.0, m, 1.0), time_step)
+        leaving.append(_Leaving(whole * own.staying, whole * own.change))
+        into.append(passing.into)
+    mean = _MeanOverStep(mass_flux, velocity, time_step, tuple(leaving))
+    gain = advection(grid, sides, scheme, mass_flux, velocity, _BesideSurfaces(mean, cut))
+    return CarriedBesideWalls(gain, tuple(into))
 
 
 class _Passing(NamedTuple):

@@ -62,6 +62,7 @@ class CutCells(NamedTuple):
         interval: () length of the coupling interval; None without pistons [s].
         piston_gaps: (H, S) between pistons and the surfaces that they must not meet; None without pistons [m].
         renewed: () bool, a surface has come or vanished since the last interval; None where none does in the run.
+        layers: of two fluids, see `cut_liquid`; None of one [-].
     """
 
     open_faces: FaceField
@@ -79,6 +80,7 @@ class CutCells(NamedTuple):
     interval: Array | None = None
     piston_gaps: Array | None = None
     renewed: Array | None = None
+    layers: Array | None = None
 
     @property
     def inertia(self) -> FaceField:

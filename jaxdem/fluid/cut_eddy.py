@@ -65,7 +65,7 @@ def at_links(grid: Grid, eddy: Array, which: int, axis: int) -> Array:
 
 
 def transposed_stress(
-    grid: Grid, sides: Sides, cut: CutCells, velocity: FaceField, eddy: Array
+    grid: Grid, sides: Sides, cut: CutCells, velocity: FaceField, eddy: Array, inverse: bool = False
 ) -> tuple[FaceField, FaceField]:
     """div(nu_t (grad u)^T - 2/3 nu_t div(u) 1) of the stress in and between whole cells, on faces among these; and what
     it gives to other faces [m/s2].
@@ -79,19 +79,24 @@ def transposed_stress(
         cut: the open parts.
         velocity: u on the faces [m/s].
         eddy: nu_t in the cells [m2/s].
+        inverse: whether `eddy` is one over the viscosity, of which the mean on an edge is then the harmonic one.
     """
+
+    def times(local: Array, rate: Array) -> Array:
+        return rate / local if inverse else local * rate
+
     expansion, result, lost = divergence(grid, velocity), [], []
     cells = cut.open_cells >= 1.0
     for which, component in enumerate(velocity):
-        terms, whole = [], _beside_whole_cells(grid, cells, which)
+        terms, whole = [], beside_whole_cells(grid, cells, which)
         for axis in range(grid.dimension):
             if axis == which:
                 stretch = (along(component, axis, 1, None) - along(component, axis, None, -1)) / grid.spacing[axis]
-                stress = jnp.where(cells, eddy * (stretch - (2.0 / 3.0) * expansion), 0.0)
+                stress = jnp.where(cells, times(eddy, stretch - (2.0 / 3.0) * expansion), 0.0)
             else:
                 of_edge = edge_average(grid, cells.astype(eddy.dtype), which, axis) >= 1.0
                 whole = whole & along(of_edge, axis, None, -1) & along(of_edge, axis, 1, None)
-                stress = edge_average(grid, eddy, which, axis) * shear(grid, sides, velocity[axis], axis, which)
+                stress = times(edge_average(grid, eddy, which, axis), shear(grid, sides, velocity[axis], axis, which))
                 stress = jnp.where(of_edge, stress, 0.0)
             terms.append(stress_slope(grid, stress, stress, which, axis))
         total = sum_of(terms)
@@ -126,7 +131,7 @@ def _behind(grid: Grid, cell: Array, axis: int, number: int) -> Array:
     return along(wide, axis, 2 * number, None) if number > 0 else along(wide, axis, None, 2 * number)
 
 
-def _beside_whole_cells(grid: Grid, whole: Array, axis: int) -> Array:
+def beside_whole_cells(grid: Grid, whole: Array, axis: int) -> Array:
     """Faces of an axis whose cells are whole."""
     inner = along(whole, axis, None, -1) & along(whole, axis, 1, None)
     ends = end_faces(grid, axis, whole, lambda below, above: below & above, lambda first, last: (first, last))

@@ -15,7 +15,14 @@ from jax import Array, lax
 from jaxdem.fluid.boundary import Boundary
 from jaxdem.fluid.cut_cells import CutCells
 from jaxdem.fluid.grid import CellOrOne, FaceField, Grid, agreed, box_largest, divergence, sum_of
-from jaxdem.fluid.pressure import SolverReport, pressure_gradient, solve_pressure
+from jaxdem.fluid.multigrid import multigrid
+from jaxdem.fluid.pressure import (
+    PressureProblem,
+    SolverReport,
+    pressure_gradient,
+    solve_preconditioned,
+    solve_pressure,
+)
 from jaxdem.fluid.projection import Projected
 from jaxdem.numerics.batches import cond_in_batch
 from jaxdem.numerics.blocks import total
@@ -23,6 +30,10 @@ from jaxdem.numerics.products import PRECISION
 
 FLUX_TOLERANCE = 1e-3
 """Largest divergence of the flux that carries momentum within a step, in units of U/h."""
+
+
+EXACT_FLUX = {"float32": 1e-6, "float64": 1e-11}
+"""The same of the flux that carries two fluids: what it lacks is what a volume fraction is beyond 0 and 1 by."""
 
 
 class CutContinuity(NamedTuple):
@@ -34,6 +45,7 @@ class CutContinuity(NamedTuple):
         growth: rate of change of the volume of fluid over that of a whole cell [1/s].
         cut: the surfaces.
         trend: change of the pressure in the last step; None where it is not known [Pa].
+        jumps: see `Continuity`.
     """
 
     grid: Grid
@@ -41,15 +53,16 @@ class CutContinuity(NamedTuple):
     growth: Array | float
     cut: CutCells
     trend: Array | None = None
+    jumps: bool = False
 
     def corrected(self, flux: FaceField) -> FaceField:
         """The flux a g u [m/s] changed by a gradient so that it keeps the volume, to `FLUX_TOLERANCE`: the projection
-        after it is exact."""
+        after it is exact. Of two fluids, whose volumes it carries, to `EXACT_FLUX`."""
         grid, excess = self.grid, divergence(self.grid, flux) + self.growth
         # Of a flow that is slower than the volumes change, what is left of that counts.
         scale = jnp.maximum(self._rate(flux), box_largest(grid, jnp.abs(excess)))
         slope, excess, _ = self._foreseen(excess, self.cut.open_faces)
-        tolerance = FLUX_TOLERANCE * scale
+        tolerance = (EXACT_FLUX[str(scale.dtype)] if self.jumps else FLUX_TOLERANCE) * scale
         potential, _ = solve_pressure(grid, self.boundary, self.cut.open_faces, excess, tolerance, self._fluid)
         further = pressure_gradient(grid, self.boundary, potential)
         slope = further if slope is None else tuple(s + f for s, f in zip(slope, further, strict=True))
@@ -61,6 +74,7 @@ class CutContinuity(NamedTuple):
         predicted: FaceField,
         void_fraction: tuple[CellOrOne, ...],
         push: tuple[Array | float, ...],
+        least: Array | None = None,
     ) -> tuple[FaceField, Array, SolverReport, Array]:
         """Velocity made to satisfy continuity, the pressure that did it, and how well the solver has done.
 
@@ -69,6 +83,7 @@ class CutContinuity(NamedTuple):
             predicted: velocity before the projection [m/s].
             void_fraction: a g on the faces [-].
             push: change of the velocity by a pressure gradient, on the faces [m3 s/kg].
+            least: () see `Continuity.projected`.
 
         Returns:
             velocity [m/s], pressure [Pa], the report, and the largest divergence that is left in units of U/h.
@@ -78,6 +93,8 @@ class CutContinuity(NamedTuple):
         flux = tuple(g * u for g, u in zip(void_fraction, predicted, strict=True))
         # In units of U/h: 1e-10 is asked for in float64, 1e-5 in float32.
         scale = self._rate(flux) + box_largest(grid, jnp.abs(jnp.asarray(self.growth, dtype))) + jnp.finfo(dtype).tiny
+        if least is not None:
+            scale = scale + least
         tolerance = 2e-6 if dtype == jnp.float32 else 2e-12
         slope, source, ahead = self._foreseen(divergence(grid, flux) + self.growth, coefficient)
         begun = Projected(predicted, pressure, source, jnp.zeros((), jnp.int32))
@@ -85,10 +102,16 @@ class CutContinuity(NamedTuple):
             velocity = tuple(u - c * s for u, c, s in zip(predicted, push, slope, strict=True))
             begun = begun._replace(velocity=velocity, pressure=pressure + ahead)
 
+        inverse = multigrid(grid, self.boundary, coefficient, closed=True) if self.jumps else None
+
         def solved(now: Projected) -> Projected:
-            correction, report = solve_pressure(
-                grid, self.boundary, coefficient, now.source, tolerance * scale, self._fluid
-            )
+            if inverse is None:
+                correction, report = solve_pressure(
+                    grid, self.boundary, coefficient, now.source, tolerance * scale, self._fluid
+                )
+            else:
+                problem = PressureProblem(grid, self.boundary, coefficient, self._fluid)
+                correction, report = solve_preconditioned(problem, now.source, tolerance * scale, inverse)
             slope = pressure_gradient(grid, self.boundary, correction)
             velocity = agreed(grid, tuple(u - c * s for u, c, s in zip(now.velocity, push, slope, strict=True)))
             flux = tuple(g * u for g, u in zip(void_fraction, velocity, strict=True))

@@ -14,6 +14,7 @@ from jaxdem.errors import required
 from jaxdem.fluid.boundary import coverage, largest_inflow
 from jaxdem.fluid.carried_heat import CarriedHeat
 from jaxdem.fluid.cut_cells import CutCells
+from jaxdem.fluid.cut_liquid import surface_courant_beside
 from jaxdem.fluid.dissolved import CarriedScalar
 from jaxdem.fluid.fluid_state import FluidProperties, FluidState, FluidStep
 from jaxdem.fluid.grid import FaceField, Grid, along, face_average
@@ -248,7 +249,12 @@ class FluidInterval:
                 inflow = inflow / jnp.min(at_side(grid, side.axis, side.upper, beside, 1.0))
             speeds[side.axis] = jnp.maximum(speeds[side.axis], inflow / grid.spacing[side.axis])
         rate = jnp.sum(largest(grid.blocks, jnp.stack(speeds)))
-        if state.liquid_fraction is None or state.void_fraction is None:
+        cut = properties.cut
+        if state.liquid_fraction is None:
+            return rate
+        if cut is not None:
+            return jnp.maximum(rate, surface_courant_beside(grid, cut, state.face_velocity, state.void_fraction))
+        if state.void_fraction is None:
             return rate
         # The surface moves by the volumes that pass a cell, over what its grains leave of it.
         gaps = face_average(grid, state.void_fraction)

@@ -61,12 +61,14 @@ class _Level(NamedTuple):
         periodic: whether each axis is; static.
         spacing: sides of a cell; static [m].
         blocks: slabs that it is cut into; None of a whole one; static.
+        open_somewhere: () bool, where cells may be closed; None where all are open.
     """
 
     faces: FaceField
     periodic: tuple[bool, ...]
     spacing: tuple[float, ...]
     blocks: Blocks | None = None
+    open_somewhere: Array | None = None
 
     @property
     def cells(self) -> tuple[int, ...]:
@@ -130,13 +132,16 @@ class _Level(NamedTuple):
         return self._replace(faces=faces, blocks=None)
 
 
-def multigrid(grid: Grid, boundary: Boundary, coefficient: tuple[Array | float, ...]) -> Callable[[Array], Array]:
+def multigrid(
+    grid: Grid, boundary: Boundary, coefficient: tuple[Array | float, ...], closed: bool = False
+) -> Callable[[Array], Array]:
     """An approximate inverse of -div(coefficient grad), as a function of a cell array.
 
     Args:
         grid: the grid.
         boundary: sides; p = 0 on outlets, no flux through the others.
         coefficient: positive, on the faces.
+        closed: whether it may be zero on all faces of a cell, which is then left as it is. The others hang together.
     """
     faces = []
     for axis, c in enumerate(coefficient):
@@ -151,9 +156,19 @@ def multigrid(grid: Grid, boundary: Boundary, coefficient: tuple[Array | float, 
     levels = [_Level(tuple(faces), grid.periodic, grid.spacing, grid.blocks).whole_if_needed()]
     while math.prod(levels[-1].whole_cells) > COARSEST:
         levels.append(levels[-1].coarser())
-    damped = [DAMPING / level.diagonal for level in levels[:-1]]
-    lowest = _inverse(levels[-1], singular=not boundary.has_outlet)
+    damped = [_damping(level.diagonal, closed) for level in levels[:-1]]
+    lowest = _inverse(levels[-1], singular=not boundary.has_outlet, closed=closed)
+    if closed:  # the first cell too
+        levels = [level._replace(open_somewhere=jnp.any(level.diagonal > 0.0)) for level in levels]
     return lambda residual: _cycle(levels, damped, lowest, residual, grid.blocks)
+
+
+def _damping(diagonal: Array, closed: bool) -> Array:
+    """Of a Jacobi step over the diagonal; zero in closed cells."""
+    if not closed:
+        return DAMPING / diagonal
+    there = diagonal > 0.0
+    return jnp.where(there, DAMPING / jnp.where(there, diagonal, 1.0), 0.0)
 
 
 def _cycle(
@@ -179,7 +194,8 @@ def _cycle(
         return lax.fori_loop(1, STEPS, smoothed, step * residual)
 
     # In slabs no stage: messages end what XLA fuses, and in a branch that one slab takes alone they would never come.
-    p = begun() if level.blocks is not None else stage(step[(0,) * step.ndim] > 0.0, begun)
+    needed = step[(0,) * step.ndim] > 0.0 if level.open_somewhere is None else level.open_somewhere
+    p = begun() if level.blocks is not None else stage(needed, begun)
     coarse = residual - level.diagonal * p + level.off_diagonal(p)
     for axis, halves in enumerate(level.halved):
         coarse = _in_pairs(coarse, axis) if halves else coarse
@@ -226,12 +242,16 @@ def _in_pairs(array: Array, axis: int) -> Array:
     return array[first] + array[second]
 
 
-def _inverse(level: _Level, singular: bool) -> Array:
-    """(N, N) inverse of the matrix of a level; of one whose constants are its null space, on what has mean zero."""
+def _inverse(level: _Level, singular: bool, closed: bool = False) -> Array:
+    """(N, N) inverse of the matrix of a level; of one whose constants are its null space, on what has mean zero. Closed
+    cells have a row of their own."""
     cells, dtype = level.cells, level.faces[0].dtype
     count = math.prod(cells)
     basis = jnp.eye(count, dtype=dtype).reshape(count, *cells)
     rows = jax.vmap(lambda p: level.diagonal * p - level.off_diagonal(p))(basis).reshape(count, count)
+    if closed:
+        alone = jnp.where(level.diagonal > 0.0, 0.0, jnp.trace(rows) / count).reshape(count)
+        rows = rows + jnp.diag(alone)
     if singular:
         rows = rows + jnp.trace(rows) / count**2
     return jnp.linalg.inv(rows)

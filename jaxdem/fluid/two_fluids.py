@@ -34,6 +34,7 @@ from jaxdem.fluid.fluid_state import FluidProperties, FluidState, FluidStep, Par
 from jaxdem.fluid.grid import CellOrOne, FaceField, box_mean, face_average, face_control_volume
 from jaxdem.fluid.local_stress import largest_diffusivity, local_stress
 from jaxdem.fluid.momentum import FluidSolver
+from jaxdem.fluid.momentum_step import or_one
 from jaxdem.fluid.pressure import pressure_gradient
 from jaxdem.fluid.projection import Continuity, product
 from jaxdem.fluid.second_fluid import (
@@ -50,7 +51,7 @@ from jaxdem.numerics.stages import stage
 from jaxdem.numerics.static import static
 
 
-class _Faces(NamedTuple):
+class BalanceOnFaces(NamedTuple):
     """What a step needs on the faces, at its end.
 
     Attributes:
@@ -90,7 +91,7 @@ class TwoFluidSolver(FluidSolver):
         grid, second = self.grid, required(properties.second, "second of the fluid")
         void_fraction = None if particles is None else particles.void_fraction
         continuity = Continuity(grid, self.boundary, self._growth(state, void_fraction, time_step), jumps=True)
-        flux = product(face_average(grid, _or_one(state.void_fraction)), state.face_velocity)
+        flux = product(face_average(grid, or_one(state.void_fraction)), state.face_velocity)
         if void_fraction is not None:
             flux = continuity.corrected(flux)
         fraction, liquid_flux = self._carried_fraction(second, state, flux, (time, time_step), void_fraction)
@@ -107,7 +108,7 @@ class TwoFluidSolver(FluidSolver):
             lambda: carried_momentum(grid, sides, self.advection, mass_flux, state.face_velocity, old, time_step),
         )
         stress = self._stress(properties, fraction, state.face_velocity, time)
-        contents = (_or_one(state.void_fraction), _or_one(void_fraction)), fraction
+        contents = (or_one(state.void_fraction), or_one(void_fraction)), fraction
         heat, dissolved = self._carried(second, state, (flux, liquid_flux), contents, (time, time_step))
         light = lightened(grid, second.heat, heat, fraction, contents[0][1])
         force = self._force(properties, faces, fraction, stress, light)
@@ -196,7 +197,7 @@ class TwoFluidSolver(FluidSolver):
         number = second.number_at(time, time_step)
         fraction = required(state.liquid_fraction, "liquid_fraction of the fluid")
         inflow = inflow_of_sides(self.grid, self.boundary, second)
-        carrier = Carrier(flux, _or_one(state.void_fraction), _or_one(void_fraction), inflow)
+        carrier = Carrier(flux, or_one(state.void_fraction), or_one(void_fraction), inflow)
         return advance_fraction(self.grid, fraction, carrier, time_step, number)
 
     def _carried(
@@ -224,25 +225,25 @@ class TwoFluidSolver(FluidSolver):
     def _mass(self, properties: FluidProperties, fraction: Array, void_fraction: Array | None) -> FaceField:
         """g rho on the faces: the mean of the two cells [kg/m3]."""
         second = required(properties.second, "second of the fluid")
-        mass = _or_one(void_fraction) * mixture_density(second, properties.density, fraction)
+        mass = or_one(void_fraction) * mixture_density(second, properties.density, fraction)
         return face_average(self.grid, mass)  # type: ignore[return-value]
 
-    def _faces(self, properties: FluidProperties, fraction: Array, particles: ParticleFields | None) -> _Faces:
-        """See `_Faces`."""
+    def _faces(self, properties: FluidProperties, fraction: Array, particles: ParticleFields | None) -> BalanceOnFaces:
+        """See `BalanceOnFaces`."""
         grid = self.grid
         void_fraction = None if particles is None else particles.void_fraction
         exchange = None if particles is None else particles.exchange
-        gaps = face_average(grid, _or_one(void_fraction))
+        gaps = face_average(grid, or_one(void_fraction))
         mass = self._mass(properties, fraction, void_fraction)
         weight = self._weight(gaps, None if particles is None else particles.weighting)
         if exchange is None:
-            return _Faces(gaps, mass, weight, tuple(1.0 / m for m in mass), (0.0,) * grid.dimension)
+            return BalanceOnFaces(gaps, mass, weight, tuple(1.0 / m for m in mass), (0.0,) * grid.dimension)
         mobility, shift = [], []
         for axis, m in enumerate(mass):
             volume = face_control_volume(grid, axis).astype(m.dtype)
             mobility.append(1.0 / (m + exchange.resistance[axis] / volume))
             shift.append(exchange.forcing[axis] / volume)
-        return _Faces(gaps, mass, weight, tuple(mobility), tuple(shift))
+        return BalanceOnFaces(gaps, mass, weight, tuple(mobility), tuple(shift))
 
     def _stress(self, properties: FluidProperties, fraction: Array, velocity: FaceField, time: Array) -> FaceField:
         """div(tau) on the faces [N/m3]."""
@@ -255,7 +256,7 @@ class TwoFluidSolver(FluidSolver):
     def _force(
         self,
         properties: FluidProperties,
-        faces: _Faces,
+        faces: BalanceOnFaces,
         fraction: Array,
         stress: FaceField,
         light: FaceField | None = None,
@@ -276,7 +277,7 @@ class TwoFluidSolver(FluidSolver):
     def _pushed(
         self,
         properties: FluidProperties,
-        faces: _Faces,
+        faces: BalanceOnFaces,
         force: FaceField,
         pressure: Array,
         gradient: Array | None,
@@ -296,7 +297,3 @@ class TwoFluidSolver(FluidSolver):
         other in a fluid at rest, and their rounding is no flow."""
         gravity = required(properties.gravity, "gravity of the fluid")
         return time_step * jnp.max(jnp.abs(gravity)) / min(self.grid.spacing)
-
-
-def _or_one(void_fraction: Array | None) -> CellOrOne:
-    return 1.0 if void_fraction is None else void_fraction

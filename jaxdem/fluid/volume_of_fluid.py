@@ -17,6 +17,7 @@ here; the sweeps are those of the paper with volumes over that of the fluids in 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -72,12 +73,14 @@ class Carrier(NamedTuple):
         flux: F = g u of both on the faces, which satisfies d(g)/dt + div F = 0 over the step [m/s].
         before, after: void fraction on the cells at its start and at its end; 1.0 without particles [-].
         inflow: liquid's part of what comes in through the sides; None: that of the cells there.
+        around: gives what normals are taken of for a fraction, where walls cut the cells; None for the fraction itself.
     """
 
     flux: FaceField
     before: CellOrOne = 1.0
     after: CellOrOne = 1.0
     inflow: Inflow | None = None
+    around: Callable[[Array], Array] | None = None
 
 
 def advance_fraction(grid: Grid, fraction: Array, carrier: Carrier, step: Array, order: Array | int) -> FractionStep:
@@ -90,8 +93,8 @@ def advance_fraction(grid: Grid, fraction: Array, carrier: Carrier, step: Array,
         step: () [s].
         order: number of the step, which chooses the order of the axes; an int compiles that order alone.
     """
-    volume_flux, before, after, inflow = carrier
-    sweep = _Sweep(grid, before, jnp.where(fraction > 0.5, 1.0, 0.0).astype(fraction.dtype), inflow)
+    volume_flux, before, after, inflow, around = carrier
+    sweep = _Sweep(grid, before, jnp.where(fraction > 0.5, 1.0, 0.0).astype(fraction.dtype), inflow, around)
     start = fraction * before, jnp.zeros_like(fraction)
     orders = ORDERS[grid.dimension]
     if isinstance(order, int):
@@ -131,20 +134,21 @@ def surface_courant(grid: Grid, volume_flux: FaceField, step: Array, open_part: 
     return box_largest(grid, step * jnp.maximum(comes_in, leaves) / open_part)
 
 
-def planes(grid: Grid, fraction: Array) -> Plane:
+def planes(grid: Grid, fraction: Array, around: Callable[[Array], Array] | None = None) -> Plane:
     """The surface in every cell, of the normals of `surface_normal`.
 
     Args:
         grid: the grid.
         fraction: c on the cells [-].
+        around: see `Carrier`.
     """
     cut = is_cut(fraction)
-    normal = surface_normal(grid, fraction)
+    normal = surface_normal(grid, fraction if around is None else around(fraction))
     sizes = tuple(jnp.abs(m) for m in normal)
     return Plane(normal, offset_of(sizes, jnp.where(cut, fraction, 0.5)), cut)
 
 
-def planes_of_surface(grid: Grid, fraction: Array) -> Plane:
+def planes_of_surface(grid: Grid, fraction: Array, around: Callable[[Array], Array] | None = None) -> Plane:
     """`planes`, by a branch of their own: nothing to do without a surface.
 
     Without the branch XLA fuses them into what asks for them, and computes them anew for each face that does: the
@@ -155,7 +159,7 @@ def planes_of_surface(grid: Grid, fraction: Array) -> Plane:
         return Plane((jnp.zeros_like(fraction),) * grid.dimension, jnp.zeros_like(fraction), fraction > 2.0)
 
     there = in_any(any_of(grid.blocks, jnp.any((fraction > 0.0) & (fraction < 1.0))))
-    return lax.cond(there, lambda fraction: planes(grid, fraction), nothing, fraction)
+    return lax.cond(there, lambda fraction: planes(grid, fraction, around), nothing, fraction)
 
 
 def surface_normal(grid: Grid, fraction: Array) -> tuple[Array, ...]:
@@ -221,13 +225,14 @@ class _Sweep(NamedTuple):
         grid: the grid.
         before: void fraction at the start of the step [-].
         full: 1 in cells that were more than half full then, else 0.
-        inflow: see `Carrier`.
+        inflow, around: see `Carrier`.
     """
 
     grid: Grid
     before: CellOrOne
     full: Array
     inflow: Inflow | None
+    around: Callable[[Array], Array] | None = None
 
     def __call__(
         self, both: tuple[Array, Array], flux: Array, step: Array, axis: int, last: Array | bool
@@ -258,7 +263,7 @@ class _Sweep(NamedTuple):
             passing: volume of both fluids that passes over that of a cell; of the lower cell where positive [-].
             axis: of the faces.
         """
-        grid, plane = self.grid, planes_of_surface(self.grid, fraction)
+        grid, plane = self.grid, planes_of_surface(self.grid, fraction, self.around)
         least = float(jnp.finfo(fraction.dtype).eps) ** 0.5
         upward = passing > 0.0
 

@@ -20,6 +20,7 @@ from jaxdem.scene.population import check_exits, completed_inlets
 from jaxdem.scene.probe_places import ProbePlace, completed_probes
 from jaxdem.scene.scene import Scene
 from jaxdem.scene.surface import check_surface, check_surface_heat, of_one_fluid
+from jaxdem.scene.surface_beside_walls import check_surface_beside_walls
 from jaxdem.scene.walls import check_walls
 
 
@@ -77,15 +78,13 @@ def completed(scene: Scene) -> Scene:
 
 def _check_surface(scene: Scene) -> None:
     """Refuses a second fluid that does not fit the rest of the scene."""
-    walls = [f"walls.{k}" for k, wall in enumerate(scene.walls) if wall.seen_by_fluid]
-    others: dict[str, tuple[bool, object, str]] = {
-        f"{walls[0]}.fluid" if walls else "walls": (bool(walls), "...", "walls within the mesh of the fluid do not"),
-    }
+    others: dict[str, tuple[bool, object, str]] = {}
     if scene.particles is not None:
         others |= of_one_fluid(scene.coupling or Coupling(), scene.contact, scene.output.samples)
     goes_on = scene.start is not None and scene.start.fluid == "keep"
     check_surface(scene.surface, scene.fluid, scene.domain, scene.boundary, others, goes_on)
     check_surface_heat(scene.surface, scene.heat is not None)
+    check_surface_beside_walls(scene.surface, scene.walls, scene.heat is not None, bool(scene.scalars))
 
 
 def _check_gaps(scene: Scene) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 from jaxdem.fluid.advection import AdvectionScheme, Central, CentralFourth, Superbee, Upwind, VanLeer
 from jaxdem.fluid.boundary import Boundary
+from jaxdem.fluid.cut_two_fluids import CutTwoFluidSolver
 from jaxdem.fluid.grid import Grid
 from jaxdem.fluid.interval import FluidInterval
 from jaxdem.fluid.momentum import FluidSolver
@@ -73,6 +74,9 @@ def fluid_interval(fluid: FluidSetup, boundary: Boundary, steps: TimeSteps, surf
     drive = drive_of(fluid.scene, table)
     parts = fluid.grid, boundary, ADVECTION[table.advection](), viscous, table.model, drive
     if fluid.scene.surface is not None:
+        if surfaces:
+            beside_walls = CutTwoFluidSolver(*parts, surfaces=surfaces)
+            return FluidInterval(beside_walls, steps.interval, steps.fluid_substeps, courant_limit(fluid.scene))
         two = TwoFluidSolver(*parts, has_tension=fluid.scene.surface.tension > 0.0)
         return FluidInterval(two, steps.interval, steps.fluid_substeps, courant_limit(fluid.scene))
     solver = FluidSolver(

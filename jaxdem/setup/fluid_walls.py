@@ -19,6 +19,7 @@ from jaxdem.numerics.host import on_device
 from jaxdem.scene import Scene
 from jaxdem.scene.fluid_walls import seen_by_fluid
 from jaxdem.setup.cut_cells import FluidSurface, cut_cells_of
+from jaxdem.setup.cut_liquid import with_layers
 from jaxdem.setup.even_deposition import even_factors
 from jaxdem.setup.extensions import Extensions
 from jaxdem.setup.fluid_surfaces import SeenSurface, host_numbers, pistons_in_fluid, surfaces_in_fluid
@@ -117,7 +118,11 @@ def fluid_walls(
         raise InputError("subgrid", "...", limit, 'leave it out, or set fluid = "none" for all walls')
     surfaces = surfaces_in_fluid(scene, grid, begin, interval)
     own = [FluidSurface(s.distance_at_start, s.no_slip, s.placed) for s in surfaces]
-    cut, pockets = cut_cells_of(grid, own, boundary, scene.particles is not None)
+    # A second free surface in a space of its own would need a level of its pressure of its own.
+    two_fluids = scene.surface is not None
+    cut, pockets = cut_cells_of(grid, own, boundary, scene.particles is not None or two_fluids)
+    if two_fluids:
+        cut = with_layers(grid, cut, [s.distance_at_start for s in surfaces])
     key = f"walls.{seen[0][0]}.fluid"
     if not np.any(cut.open_cells):
         limit = "the walls that the fluid sees leave no cell of the mesh open"
@@ -143,7 +148,7 @@ def fluid_walls(
 
 def with_start_of_solver(fluid: FluidState, properties: FluidProperties) -> FluidState:
     """The fluid with what the solver of the pressure between surfaces begins with; the same without surfaces."""
-    if properties.cut is None:
+    if properties.cut is None or properties.second is not None:
         return fluid
     pressure = fluid.pressure
     return fluid._replace(pressure_change=on_device(np.zeros(pressure.shape), pressure.dtype))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 
 import jax
 import numpy as np
@@ -12,7 +11,7 @@ from jaxdem.coupling.open_parts import corner_points, on_corners
 from jaxdem.errors import required
 from jaxdem.fluid.cut_cells import CutCells
 from jaxdem.fluid.cut_scalar import ScalarWalls
-from jaxdem.fluid.grid import Grid, along
+from jaxdem.fluid.grid import Grid
 from jaxdem.fluid.scalar_transport import SideKind
 from jaxdem.numerics.host import on_device
 from jaxdem.scalars.moving_cells import LEAST, exchange_and_area
@@ -20,6 +19,7 @@ from jaxdem.scalars.scalars import TEMPERATURE
 from jaxdem.scene import Scene
 from jaxdem.scene.walls import Wall
 from jaxdem.setup.fluid_walls import FluidWalls
+from jaxdem.setup.lent_capacity import lent_capacity
 from jaxdem.state import Parameters
 
 LENT, LENT_AMONG_GRAINS = 0.5, 0.15
@@ -94,45 +94,6 @@ def scalar_geometry(
     exchange, area = map(np.asarray, exchange_and_area(grid, cut, distance))  # type: ignore[arg-type]
     lent, smallest = lent_capacity(grid, cut.open_faces, np.asarray(cut.open_cells), most)  # type: ignore[arg-type]
     return lent, exchange, area, smallest
-
-
-def lent_capacity(
-    grid: Grid, faces: tuple[np.ndarray, ...], open_cells: np.ndarray, most: float
-) -> tuple[np.ndarray, float]:
-    """What larger cells lend to small ones [-], and the least of capacity over need.
-
-    A cell needs as much as its open faces pass of what those of a whole one do. What it lacks it borrows of the largest
-    of its neighbours that an open face leads to.
-
-    Args:
-        grid: the grid.
-        faces: open fractions.
-        open_cells: of the cells.
-        most: part of its own that a cell lends.
-    """
-    places = np.arange(open_cells.size).reshape(open_cells.shape)
-    need, largest, lender = np.zeros_like(open_cells), np.full(open_cells.shape, -1.0), places.copy()
-    per_face = [1.0 / h**2 for h in grid.spacing]
-    for axis, a in enumerate(faces):
-        for shift, own in ((1, along(a, axis, None, -1)), (-1, along(a, axis, 1, None))):  # type: ignore[arg-type]
-            need += 0.5 * per_face[axis] / sum(per_face) * np.asarray(own)
-            is_open = np.asarray(own) > 0.0
-            if not grid.periodic[axis]:
-                end = 0 if shift == 1 else -1
-                is_open[(slice(None),) * axis + (end,)] = False
-            beside = np.where(is_open, np.roll(open_cells, shift, axis), -1.0)
-            better = beside > largest
-            largest = np.where(better, beside, largest)
-            lender = np.where(better, np.roll(places, shift, axis), lender)
-    short = np.where((open_cells > 0.0) & (largest > open_cells), np.maximum(need - open_cells, 0.0), 0.0)
-    asked = np.bincount(lender.ravel(), short.ravel(), open_cells.size).reshape(open_cells.shape)
-    share = np.minimum(1.0, most * open_cells / np.where(asked > 0.0, asked, 1.0))
-    borrowed = short * share.ravel()[lender]
-    given = np.bincount(lender.ravel(), borrowed.ravel(), open_cells.size).reshape(open_cells.shape)
-    lent = borrowed - given
-    there = (open_cells > 0.0) & (need > 0.0)
-    least = np.min((open_cells + lent)[there] / need[there], initial=math.inf)
-    return lent, float(least)
 
 
 def _kind(wall: Wall, name: str) -> SideKind:

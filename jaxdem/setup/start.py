@@ -28,6 +28,7 @@ from jaxdem.particles.neighbors import Room
 from jaxdem.particles.population import Population
 from jaxdem.scene import Scene
 from jaxdem.scene.rows import Numbers, rows_of
+from jaxdem.setup.cut_liquid import liquid_beside_walls
 from jaxdem.setup.first_parts import Begun, with_parts
 from jaxdem.setup.fluid import fluid_velocity
 from jaxdem.setup.fluid_walls import with_start_of_solver
@@ -98,7 +99,10 @@ def resting_fluid(scene: Scene, solver: FluidSolver, parameters: Parameters, voi
     if parameters.fluid is not None:
         fluid = with_start_of_solver(fluid, parameters.fluid)
     if isinstance(solver, TwoFluidSolver):
-        fluid = with_liquid(fluid, solver.grid, first_fraction(scene, solver.grid), dtype)
+        fraction, cut = first_fraction(scene, solver.grid), parameters.flow.cut
+        if cut is not None:
+            fraction = liquid_beside_walls(cut, fraction)
+        fluid = with_liquid(fluid, solver.grid, fraction, dtype, cut)
         fluid = fluid._replace(pressure=jax.jit(solver.resting_pressure)(parameters.flow, fluid))
     return fluid
 

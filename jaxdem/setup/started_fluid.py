@@ -12,6 +12,7 @@ from jax.typing import DTypeLike
 
 from jaxdem.errors import InputError
 from jaxdem.fluid.boundary import Sides, set_normal_velocity
+from jaxdem.fluid.cut_cells import CutCells
 from jaxdem.fluid.fluid_state import FluidProperties, FluidState
 from jaxdem.fluid.grid import Grid, face_average
 from jaxdem.fluid.momentum import FluidSolver
@@ -73,10 +74,24 @@ class StartedFluid:
             raise InputError("start.fluid", "keep", limit, 'start the fluid anew: start.fluid = "new"')
         if name not in arrays:
             return fluid
-        fraction = np.asarray(arrays[name], float)
+        fraction, cut = np.asarray(arrays[name], float), self.flow.cut
+        if cut is not None:
+            return with_liquid(fluid, grid, self._beside_walls(cut, fraction), self.dtype, cut)
         if cells != grid.cells:
             fraction = remap_cells(dataclasses.replace(grid, cells=cells), grid, fraction)
         return with_liquid(fluid, grid, fraction, self.dtype)
+
+    def _beside_walls(self, cut: CutCells, fraction: np.ndarray) -> np.ndarray:
+        """The liquid fraction between walls that the fluid sees; none where they are.
+
+        Raises:
+            InputError: the run is on another mesh.
+        """
+        if fraction.shape != self.solver.grid.cells:
+            limit = f"the liquid of the run {self.start.source} is in the cells that walls cut of another mesh"
+            remedy = f'set it to {list(fraction.shape)}, or begin anew: start.fluid = "new"'
+            raise InputError("fluid.cells", list(self.solver.grid.cells), limit, remedy)
+        return np.where(np.asarray(cut.open_cells) > 0.0, fraction, 0.0)
 
     def _with_start_of_solver(self, fluid: FluidState) -> FluidState:
         """The fluid with what the solver between surfaces begins with: that of the run on the same mesh."""

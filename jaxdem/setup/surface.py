@@ -12,6 +12,7 @@ import numpy as np
 from jax import Array
 from jax.typing import DTypeLike
 
+from jaxdem.fluid.cut_cells import CutCells
 from jaxdem.fluid.fluid_state import FluidState
 from jaxdem.fluid.grid import Grid
 from jaxdem.fluid.second_fluid import SecondFluid
@@ -50,9 +51,13 @@ def second_fluid(scene: Scene, number: Callable[[float | list[float]], Array]) -
     return SecondFluid(number(table.density), number(table.viscosity), number(table.tension), number(levels))
 
 
-def with_liquid(fluid: FluidState, grid: Grid, fraction: np.ndarray, dtype: DTypeLike) -> FluidState:
-    """The fluid with this liquid fraction, whose balance begins now."""
+def with_liquid(
+    fluid: FluidState, grid: Grid, fraction: np.ndarray, dtype: DTypeLike, cut: CutCells | None = None
+) -> FluidState:
+    """The fluid with this liquid fraction, whose balance begins now; `cut` are surfaces within the mesh."""
     share = 1.0 if fluid.void_fraction is None else np.asarray(fluid.void_fraction, float)
+    if cut is not None:
+        share = share * np.asarray(cut.open_cells, float)
     supplied = [grid.cell_volume * float(np.sum(share * fraction)), *[0.0] * (2 * grid.dimension)]
     return fluid._replace(liquid_fraction=on_device(fraction, dtype), liquid_supplied=on_device(supplied, dtype))
 

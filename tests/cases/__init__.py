@@ -38,6 +38,7 @@ MODULES = (
     "lists",
     "heat",
     "two_fluids",
+    "surface_beside_walls",
     "heat_in_two_fluids",
     "scalars_in_two_fluids",
 )

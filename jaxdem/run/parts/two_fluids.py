@@ -60,4 +60,7 @@ def _liquid(state: State, case: Case) -> np.ndarray:
     fluid = required(state.fluid, "state.fluid")
     volume = required(case.simulation.fluid, "fluid").solver.grid.cell_volume
     share = 1.0 if fluid.void_fraction is None else np.asarray(fluid.void_fraction, float)
+    cut = case.parameters.flow.cut
+    if cut is not None:
+        share = share * np.asarray(cut.open_cells, float)
     return volume * share * np.asarray(required(fluid.liquid_fraction, "liquid_fraction"), float)

@@ -1,0 +1,159 @@
+"""Two fluids beside walls that the fluid sees: the fast twins of the cases, grains, three dimensions, refusals."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxdem
+from jaxdem import InputError
+from jaxdem.fluid.cut_liquid import fraction_of_level, level_of
+from jaxdem.fluid.cut_two_fluids import CutTwoFluidSolver
+from jaxdem.numerics.static import static
+from tests.cases import checked
+from tests.cases.surface_beside_walls import BEACH, BODY, TILTED_BOX, broken_dam, run, tank
+from tests.cases.tiers import COMBINATION
+
+
+@pytest.mark.parametrize(
+    "name", ("lakes beside walls at rest", "forces of a lake on walls", "a column that breaks on walls")
+)
+def test_cases(name):
+    checked(name)
+
+
+@COMBINATION
+def test_waves():
+    checked("waves between walls in the mesh")
+
+
+@static
+class WithoutOpenParts(CutTwoFluidSolver):
+    """The liquid is carried as if all faces were open."""
+
+    def _carried_fraction(self, second, state, flux, times, void_fraction, cut):
+        flux = tuple(f / jnp.where(a > 0.0, a, 1.0) for f, a in zip(flux, cut.open_faces, strict=True))
+        return super()._carried_fraction(second, state, flux, times, void_fraction, cut)
+
+
+def test_a_transport_that_forgets_the_open_parts_is_seen():
+    """The negative control of the case above: the fraction leaves its bounds ten thousand times as far as its gate."""
+
+    def forgetful(simulation):
+        solver = simulation.fluid.solver
+        fields = {f.name: getattr(solver, f.name) for f in dataclasses.fields(solver) if f.init}
+        return dataclasses.replace(
+            simulation, fluid=dataclasses.replace(simulation.fluid, solver=WithoutOpenParts(**fields))
+        )
+
+    assert run(broken_dam(), 60, change=forgetful).beyond > 1e-6
+
+
+def test_levels_of_cut_cells():
+    """The height of the liquid is a continuous, invertible function of its fraction, and the fraction in whole cells.
+
+    Water up to one height stands at this height in all cells of a row, whatever is open of them.
+    """
+    parameters = jaxdem.build(jaxdem.load_scene(tank([TILTED_BOX], (16, 12))))[1]
+    cut = parameters.flow.cut
+    for level in (0.0, 0.03, 0.4, 0.77, 1.0):
+        heights = jnp.full(cut.open_cells.shape, level)
+        found = level_of(cut, fraction_of_level(cut.layers, heights))
+        assert float(jnp.abs(found - level).max()) < 1e-14
+    fractions = jnp.linspace(0.0, 1.0, 41)
+    found = jax.vmap(lambda c: level_of(cut, jnp.full(cut.open_cells.shape, c)))(fractions)
+    assert float(jnp.diff(found, axis=0).min()) > 0.0
+    whole = np.asarray(cut.open_cells == 1.0) & np.all(np.asarray(cut.layers) == 0.125, axis=0)
+    assert whole.sum() > 20
+    assert np.array_equal(np.asarray(found)[:, whole], np.broadcast_to(fractions[:, None], (41, whole.sum())))
+
+
+def grains_on_a_floor():
+    """Grains on a floor within the mesh, beside a slope, under a lake whose surface is above them."""
+    floor = {"kind": "plane", "point": [0.0, 0.0135], "normal": [0.0, 1.0], "fluid": "no_slip"}
+    slope = {"kind": "plane", "point": [0.048, 0.0135], "normal": [-1.0, 0.7], "fluid": "no_slip"}
+    return {
+        "precision": "float64",
+        "domain": {"size": [0.06, 0.12], "depth": 0.01},
+        "particles": {"radius": 4e-3, "density": 2500.0, "position": [[x, 0.0175] for x in (0.006, 0.018, 0.03)]},
+        "contact": {"young_modulus": 2e5, "poisson_ratio": 0.25, "friction": 0.3, "restitution": 0.2, "speed": 0.1},
+        "fluid": {"cells": [6, 12], "density": 1000.0, "viscosity": 1e-2, "time_step": 1e-3},
+        "surface": {"density": 1.0, "viscosity": 1e-2, "level": 0.0647},
+        "coupling": {"drag": "stokes", "interval": 1e-3},
+        "walls": [floor, slope],
+        "time": {"end": 5.0, "output_interval": 0.1},
+    }
+
+
+def test_grains_as_heavy_as_the_liquid_stay_at_rest_between_walls():
+    """Beside a floor and a slope, where their void fraction is uneven: neither they nor the fluids move."""
+    scene = grains_on_a_floor()
+    scene["particles"] |= {"density": 1000.0, "position": [[0.006, 0.02], [0.027, 0.0185], [0.045, 0.03]]}
+    found = run(scene, 20)
+    assert found.codes == 0
+    assert float(found.start.fluid.void_fraction.min()) < 0.9
+    assert found.speed < 1e-13
+    assert float(jnp.abs(found.end.particles.velocity).max()) < 1e-13
+
+
+def test_grains_that_fall_into_a_lake_between_walls():
+    """Nothing is lost, the fraction keeps its bounds, and the level rises by what the grains displace."""
+    scene = grains_on_a_floor()
+    scene["particles"]["position"] = [[x, 0.08] for x in (0.006, 0.018, 0.03)]
+    found = run(scene, 400)
+    assert found.codes == 0
+    assert float(found.end.particles.position[:, 1].max()) < 0.06
+    assert found.missing < 1e-12 and found.beyond < 1e-9
+
+    def wetted(state):  # liquid and grains in it
+        return jnp.sum(found.parameters.flow.cut.open_cells * state.fluid.liquid_fraction)
+
+    cell = 0.01**2 * 0.01
+    solids = 3 * float(found.parameters.mixture.bodies.volume)
+    assert float(wetted(found.end) - wetted(found.start)) * cell == pytest.approx(solids, rel=0.02)
+
+
+@COMBINATION
+def test_three_dimensions():
+    """A lake on a plane that is tilted both ways, round a cylinder that is tilted too."""
+    walls = [
+        {"kind": "plane", "point": [0.3, 0.2, 0.0], "normal": [-0.4, 0.3, 1.0], "fluid": "no_slip"},
+        {"kind": "cylinder", "center": [0.4, 0.5, 0.3], "axis": [0.3, 1.0, 0.2], "radius": 0.15,
+         "inside": False, "fluid": "free_slip"},
+    ]  # fmt: skip
+    domain = {"size": [0.8, 0.7, 0.6], "gravity": [0.0, 0.0, -9.81], "depth": None}
+    scene = tank(walls, (8, 7, 12), domain=domain)
+    scene["domain"].pop("depth")
+    assert run(scene, 8).speed < 1e-12
+    scene["surface"] = {"density": 1.0, "viscosity": 1.5e-5}
+    scene["surface"]["regions"] = [{"shape": "box", "start": [0.0, 0.0, 0.0], "stop": [0.3, 0.7, 0.5]}]
+    found = run(scene, 8)
+    assert found.codes == 0 and found.speed > 0.05
+    assert found.missing < 1e-12 and found.beyond < 1e-10
+
+
+TURNS = {"motion": [{"kind": "rotation", "rate": 1.0}]}
+REFUSED = {
+    "surface.tension": {"surface": {"tension": 0.07}},
+    "heat": {
+        "surface": {"heat_capacity": 1e3, "conductivity": 0.03},
+        "heat": {"fluid_heat_capacity": 4e3, "fluid_conductivity": 0.6, "fluid_temperature": 300.0},
+    },
+    "scalars": {"scalars": [{"name": "dye", "diffusivity": 1e-9}]},
+    "walls.0.motion": {"walls": [{**BODY, **TURNS}]},
+    "walls.0.end": {"walls": [{**BODY, "end": 0.5}]},
+}
+
+
+@pytest.mark.parametrize("key", REFUSED)
+def test_what_is_refused(key):
+    with pytest.raises(InputError) as caught:
+        jaxdem.load_scene(tank(**{"walls": [BEACH], **REFUSED[key]}))
+    assert caught.value.key == key
+
+
+def test_several_devices_are_refused():
+    with pytest.raises(InputError, match="one device"):
+        jaxdem.build(jaxdem.load_scene(tank([BEACH])), devices=2)
