@@ -33,6 +33,10 @@ FITS: dict[str, tuple[tuple[int, ...], tuple[str, ...], int, bool]] = {
 }
 """What is fitted: hidden layers, features, on how many of the training runs, and whether the factor on the drag is at
 most one. Without a hidden layer the logarithm of the factor is linear in the features."""
+AGAIN = {"gradient_s1": 1, "gradient_s2": 2}
+"""Closures that are trained once more, as the part of the name before the line says, and the seeds of the training."""
+ANEW = ("regression_anew", "network_anew")
+"""Closures that are trained once more, on another fine run at the same solid fraction."""
 SEEN_FEATURES = ("solid_fraction", "log_solid_fraction")
 SEEN_FITS: dict[str, tuple[str, tuple[str, ...]]] = {
     "balance": ("balance", SEEN_FEATURES),
@@ -59,19 +63,36 @@ def closure_of(case: Case, folder: Path) -> DragClosure | None:
 
 def train(cases: Sequence[Case], folder: Path, seed: int = 0) -> None:
     """The closures of `FITS`, fitted to samples of fine runs; what is there is not done again."""
-    datasets: list[Dataset] = []
-    for case in cases:
-        file = folder / f"{case.folder}.dataset.h5"
-        if not file.exists():
-            make_dataset(simulated(case, folder).path, file, COARSENED)
-        datasets.append(read_dataset(file))
-    early, late = parted(datasets[0])
-    for name, (hidden, features, number, bounded) in FITS.items():
-        path = folder / f"{name}.closure.h5"
-        if not path.exists():
-            settings = FitSettings.filtered(hidden=hidden, features=features, seed=seed, epochs=40, bounded=bounded)
-            found = fit_filtered([early, *datasets[1:number], late], settings)
-            save_closure(path, found.closure, found.metadata)
+    datasets = [_dataset(case, folder) for case in cases]
+    for name in FITS:
+        _fit(name, name, datasets, folder, seed)
+
+
+def train_again(cases: Sequence[Case], other: Case, folder: Path) -> None:
+    """The closures of `AGAIN`, and those of `ANEW` fitted to the fine run `other`; what is there is not done again."""
+    datasets = [_dataset(case, folder) for case in cases]
+    for name, seed in AGAIN.items():
+        _fit(name, name.split("_")[0], datasets, folder, seed)
+    for name in ANEW:
+        _fit(name, name.split("_")[0], [_dataset(other, folder)], folder, 0)
+
+
+def _dataset(case: Case, folder: Path) -> Dataset:
+    """One sample a relaxation time of a fine run, on the meshes of `COARSENED`."""
+    file = folder / f"{case.folder}.dataset.h5"
+    if not file.exists():
+        make_dataset(simulated(case, folder).path, file, COARSENED, every=max(1, round(1.0 / case.samples)))
+    return read_dataset(file)
+
+
+def _fit(name: str, fit: str, datasets: Sequence[Dataset], folder: Path, seed: int) -> None:
+    """The closure NAME.closure.h5, as `fit` of `FITS`; the end of the first run is held out."""
+    path, (hidden, features, number, bounded) = folder / f"{name}.closure.h5", FITS[fit]
+    if not path.exists():
+        early, late = parted(datasets[0])
+        settings = FitSettings.filtered(hidden=hidden, features=features, seed=seed, epochs=40, bounded=bounded)
+        found = fit_filtered([early, *datasets[1:number], late], settings)
+        save_closure(path, found.closure, found.metadata)
 
 
 @dataclasses.dataclass(frozen=True)

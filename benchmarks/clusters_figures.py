@@ -1,42 +1,40 @@
-"""The two figures of docs/results/clusters.md: grains and gas on two meshes, and errors by closure."""
+"""The two figures of docs/results/clusters.md: grains and gas on three meshes, and errors by closure.
+
+    python benchmarks/clusters_figures.py      # the errors, of the measures in benchmarks/results/clusters.json
+
+The other one needs the folders of runs: `python benchmarks/clusters.py --runs DIR --figures docs/results`.
+"""
 
 from __future__ import annotations
 
 import itertools
+import json
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script from anywhere
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from benchmarks.clusters_measures import is_fine, pooled
+from benchmarks import harness
+from benchmarks.clusters_measures import pooled
 from benchmarks.clusters_runs import Case
+from benchmarks.clusters_tables import FRACTIONS, PAGE, SHOWN, chosen, fine_runs
 from jaxdem.io import load_run
 from jaxdem.report import style
 
-NAMES = {
-    "": "no model",
-    "radl": "Radl & Sundaresan",
-    "regression": "regression",
-    "network": "network",
-    "tuned": "network, tuned",
-    "network2": "network, two runs",
-    "fraction": "solid fraction alone",
-    "bounded": "network, bounded",
-    "gradient": "with the gradient",
-    "squares": "as seen, squares",
-    "balance": "as seen, balance",
-}
-"""Of the closures, in the order of the lines."""
 KINDS: dict[str, tuple[str, str, float]] = {
-    "12 d, grains": ("s", style.REFERENCE, -0.4),
-    "24 d, grains": ("D", style.COLOURS[2], -0.24),
-    "12 d, parcels of 4": ("o", style.COLOURS[4], -0.08),
-    "24 d, parcels of 4": ("^", style.COLOURS[0], 0.08),
-    "24 d, parcels of 4, volume of a grain": ("v", style.COLOURS[1], 0.24),
-    "24 d, parcels of 4, rate of loss": ("X", style.COLOURS[3], 0.4),
+    "12 d, grains": ("s", style.REFERENCE, -0.42),
+    "24 d, grains": ("D", style.COLOURS[2], -0.28),
+    "12 d, parcels of 4": ("o", style.COLOURS[4], -0.14),
+    "24 d, parcels of 4": ("^", style.COLOURS[0], 0.0),
+    "24 d, parcels of 4, volume of a grain": ("v", style.COLOURS[1], 0.14),
+    "24 d, parcels of 4, rate of loss": ("X", style.COLOURS[3], 0.28),
+    "24 d, parcels of 2": ("P", style.COLOURS[5 % len(style.COLOURS)], 0.42),
 }
 """Marker, colour and place in the line of the kinds of runs, see `kind_of`."""
 MEASURES = {"slip": "slip over fine - 1 [%]", "drag": "drag over fine - 1 [%]"}
@@ -84,17 +82,16 @@ def kind_of(row: dict[str, Any]) -> str:
 
 def draw_errors(rows: Sequence[dict[str, Any]], path: Path) -> None:
     """Errors of slip and drag by closure, a column a mean solid fraction; bars are two standard errors of the run."""
-    fractions = sorted({row["solid_fraction"] for row in rows if not is_fine(row)})
     with style.look():
-        figure = style.new_figure(2.4 * len(fractions) + 2.0, 10.4)
-        panels = figure.subplots(len(MEASURES), len(fractions), sharex=True, sharey=True, squeeze=False)
+        figure = style.new_figure(2.9 * len(FRACTIONS) + 2.0, 13.0)
+        panels = figure.subplots(len(MEASURES), len(FRACTIONS), sharex=True, sharey=True, squeeze=False)
         for (name, label), line in zip(MEASURES.items(), panels, strict=True):
-            for axes, fraction in zip(line, fractions, strict=True):
-                _errors(axes, [row for row in rows if row["solid_fraction"] == fraction], name)
+            for axes, fraction in zip(line, FRACTIONS, strict=True):
+                _errors(axes, rows, fraction, name)
                 axes.set(title=f"solid fraction {fraction:g}", xlabel=label, xlim=LIMITS)
                 axes.tick_params(labelbottom=True)
-        panels[0, 0].set_yticks(range(len(NAMES)), NAMES.values())
-        panels[0, 0].set_ylim(len(NAMES) - 0.5, -0.5)
+        panels[0, 0].set_yticks(range(len(SHOWN)), [closure or "no model" for closure in SHOWN])
+        panels[0, 0].set_ylim(len(SHOWN) - 0.4, -0.7)
         entries = [
             Line2D([], [], color=colour, marker=marker, linestyle="", label=kind)
             for kind, (marker, colour, _) in KINDS.items()
@@ -103,16 +100,16 @@ def draw_errors(rows: Sequence[dict[str, Any]], path: Path) -> None:
         style.save(figure, path, dpi=100)
 
 
-def _errors(axes: Axes, rows: list[dict[str, Any]], name: str) -> None:
+def _errors(axes: Axes, rows: Sequence[dict[str, Any]], fraction: float, name: str) -> None:
     """The points of a panel, and two standard errors of the fine runs as lines."""
-    reference = pooled([row for row in rows if is_fine(row)], name)
+    reference, here = pooled(fine_runs(rows, fraction), name), chosen(rows, solid_fraction=fraction)
     noise = 200.0 * reference["error"] / reference["mean"]
     axes.axvspan(-5.0, 5.0, color="#E8E8E8", zorder=0)
     axes.axvline(0.0, color=style.REFERENCE, linewidth=0.8)
     for edge in (-noise, noise):
         axes.axvline(edge, color=style.NOISE, linewidth=0.9, linestyle="--")
-    for (place, closure), (kind, (marker, colour, shift)) in itertools.product(enumerate(NAMES), KINDS.items()):
-        runs = [row for row in rows if row["closure"].split("_")[0] == closure and kind_of(row) == kind]
+    for (place, closure), (kind, (marker, colour, shift)) in itertools.product(enumerate(SHOWN), KINDS.items()):
+        runs = [row for row in here if row["closure"] == closure and kind_of(row) == kind]
         if runs:
             found = pooled(runs, name)
             ratio, bar = (100.0 * found[part] / reference["mean"] for part in ("mean", "error"))
@@ -121,3 +118,8 @@ def _errors(axes: Axes, rows: list[dict[str, Any]], name: str) -> None:
             if ratio - 100.0 > LIMITS[1]:
                 text = f"{ratio - 100.0:.0f} % \N{RIGHTWARDS ARROW}"
                 axes.text(LIMITS[1], place, text, color=colour, ha="right", va="center")
+
+
+if __name__ == "__main__":
+    found = json.loads((harness.RESULTS / "clusters.json").read_text())["rows"]
+    draw_errors(found, PAGE.with_name("clusters_errors.png"))

@@ -40,7 +40,7 @@ class Case:
         diameter: of a grain [m].
         times: relaxation times that the run takes.
         step: fluid step and coupling interval [s].
-        samples: relaxation times between samples for training, 0 for none.
+        samples: relaxation times between samples for training, 0 for none; a tenth where runs are nudged to it.
         changes: further keys of the scene, as pairs.
         name: of the run's folder, where the attributes above do not tell it from others.
     """
@@ -54,7 +54,7 @@ class Case:
     diameter: float = 75e-6
     times: int = 40
     step: float = 2e-4
-    samples: int = 0
+    samples: float = 0.0
     changes: tuple[tuple[str, Any], ...] = ()
     name: str = ""
 

@@ -63,7 +63,7 @@ def make_seen(
     """
     samples, view = required(run.samples, "samples of the run"), view_of(case, cell, parcel)
     collected = []
-    for number in _late(samples.times, dropped):
+    for number in _late(case, samples.times, dropped):
         for sample in thinned(samples.frame(number), parcel, draws, number):
             collected.append(view.rows(sample, float(samples.times[number])))
     fluid = required(view.simulation.fluid, "fluid").solver
@@ -88,7 +88,7 @@ def filtered_drag(case: Case, run: Run, cell: float = 24.0) -> dict[str, float]:
     """
     samples, view = required(run.samples, "samples of the run"), view_of(case, cell, 1)
     series = []
-    for number in _late(samples.times, DROPPED):
+    for number in _late(case, samples.times, DROPPED):
         rows = view.rows(samples.frame(number), float(samples.times[number]))
         fluid = samples.frame(number)
         void = fluid["void_fraction"]
@@ -98,5 +98,7 @@ def filtered_drag(case: Case, run: Run, cell: float = 24.0) -> dict[str, float]:
     return with_error(np.asarray(series), max(6, round((case.times - DROPPED) / 5)))
 
 
-def _late(times: np.ndarray, dropped: float) -> list[int]:
-    return [number for number, now in enumerate(times) if now > (dropped - 0.5) * RELAXATION]
+def _late(case: Case, times: np.ndarray, dropped: float) -> list[int]:
+    """Numbers of the samples after the start, one a relaxation time at most."""
+    every = max(1, round(1.0 / case.samples))
+    return [n for n in range(every - 1, len(times), every) if times[n] > (dropped - 0.5) * RELAXATION]
