@@ -20,6 +20,11 @@ from jaxdem.numerics.blocks import Blocks
 from jaxdem.particles.ghosts import Division
 from jaxdem.particles.integrate import ParticleState
 from jaxdem.particles.migration import _balanced
+from jaxdem.run.instant import Instant
+from jaxdem.run.parts.liquid import Liquid
+from jaxdem.run.placement import OneDevice, Slabs
+from jaxdem.run.totals import Totals
+from jaxdem.setup.builder import build_case
 from tests.cases.slabs import apart
 from tests.cases.tiers import COMBINATION, tiered
 
@@ -187,6 +192,13 @@ def test_liquid_bridges_across_a_border():
     assert np.any(slab[contacts.first[bridge]] != slab[contacts.second[bridge]]), "a bridge across the border"
     held = sum(float(np.sum(x)) for x in (whole.particles.liquid, contacts.values[-1], whole.particles.wall_spring[-1]))
     assert abs(held - first) < 1e-13 * first
+    case = build_case(scene_of(contact=contact))
+    told = []
+    for placement, given in ((OneDevice(case), (state, neighbors)), (Slabs(case, divided), (distributed, lists))):
+        instant = placement.whole(Instant(0.0, *given, None))
+        told.append(Liquid().summary(case, instant, Totals())["liquid"])
+    assert told[0]["bridges_between_particles"] > 0.0 and abs(told[1]["missing_relative"]) < 1e-12
+    assert told[0] == pytest.approx(told[1], rel=1e-9, abs=1e-12), "the summary counts the bridges of all slabs"
 
 
 def test_every_field_of_the_particles_has_its_rule():

@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from jaxdem.devices import gathered
+from jaxdem.errors import required
 from jaxdem.run.instant import Instant
 from jaxdem.run.parts.part import Part
 from jaxdem.run.totals import Totals
@@ -20,7 +22,12 @@ class Liquid(Part):
         particles, scene = instant.state.particles, case.scene
         if particles is None or particles.liquid is None or scene.contact is None or scene.contact.cohesion is None:
             return {}
-        held = particles.contact_spring[-1:], particles.wall_spring[-1:]
+        between_particles: Any = particles.contact_spring[-1:]
+        if instant.slabs is not None:  # what contacts keep stays in the slabs; a bridge across a border counts once
+            slabs = instant.slabs
+            contacts = gathered(slabs.simulation, slabs.state, slabs.neighbors)[1]
+            between_particles = required(contacts, "contacts of the slabs").values[-1:]
+        held = between_particles, particles.wall_spring[-1:]
         films = float(np.sum(np.asarray(particles.liquid), dtype=np.float64))
         between, walls = (float(np.sum(np.asarray(volumes), dtype=np.float64)) for volumes in held)
         radius = np.broadcast_to(np.asarray(case.bodies.radius, float), particles.liquid.shape)
