@@ -117,7 +117,7 @@ def janssen(one: Silo, depth: float, ratio: float) -> float:
     "H. A. Janssen, Z. Ver. Dtsch. Ing. 39 (1895) 1045-1049: sigma = rho g w/(2 mu K) (1 - exp(-2 mu K z/w))",
     fast={"columns": 8, "layers": (30,), "end": 0.4},
 )
-def janssen_silo(columns: int = 8, layers: Sequence[int] = (30, 60), end: float = 0.6) -> list[Figure]:
+def janssen_silo(columns: int = 8, layers: Sequence[int] = (30, 60), end: float = 1.0) -> list[Figure]:
     """In 2-D, between walls that slide along the grains. K is measured in the lowest silo, and the others must follow
     with the same."""
     found, ratio = [], 0.0
