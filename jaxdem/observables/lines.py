@@ -23,7 +23,7 @@ class Line(NamedTuple):
         start: D arrays (P,), one end of each, in the domain [m].
         branch: D arrays (P,), from there to the other end [m].
         moment: (D D, P), force on the particle times branch [J].
-        touches: () bool, whether any touches; the others have no moment.
+        touches: () bool, whether any has a force; the others have no moment.
     """
 
     start: Vector
@@ -52,14 +52,17 @@ def contact_lines(
     if found.between is not None:
         touching, second = found.between, found.second
         branch = vectors.scale(radii[found.first] + radii[second] - touching.overlap, touching.normal)
-        start, touches = at(centre, second), jnp.any(touching.overlap > 0)
+        start, touches = at(centre, second), jnp.any(_acts(touching.force))
         moment = _moment(touching.force, branch)
         if found.counted is not None:
             moment = jnp.where(found.counted, moment, 0.0)
         lines.append(Line(start, branch, moment, touches))
     if found.walls is not None:
         walls, sides = found.walls, required(structure.contact, "particles").model.sides
-        branches, touches = vectors.scale(radii[None] - walls.overlap, walls.normal), jnp.any(walls.overlap > 0, axis=1)
+        branches, touches = (
+            vectors.scale(radii[None] - walls.overlap, walls.normal),
+            jnp.any(_acts(walls.force), axis=1),
+        )
         level = np.array([k < len(sides) and sides[k].axis not in cut for k in range(len(touches))])
         moments = _moment(walls.force, branches)
         if level.any():
@@ -69,6 +72,11 @@ def contact_lines(
             branch = tuple(x[k] for x in branches)
             lines.append(Line(vectors.subtract(centre, branch), branch, moments[:, k], touches[k]))
     return lines
+
+
+def _acts(force: Vector) -> Array:
+    """Which contacts have a force; bridges of liquid and other attractions also act over a gap."""
+    return jnp.any(jnp.stack(force) != 0.0, axis=0)
 
 
 def _moment(force: Vector, branch: Vector) -> Array:
