@@ -33,9 +33,9 @@ def test_waves():
 class WithoutOpenParts(CutTwoFluidSolver):
     """The liquid is carried as if all faces were open."""
 
-    def _carried_fraction(self, second, state, flux, times, void_fraction, cut):
+    def _carried_between_walls(self, second, state, flux, times, void_fraction, cut):
         flux = tuple(f / jnp.where(a > 0.0, a, 1.0) for f, a in zip(flux, cut.open_faces, strict=True))
-        return super()._carried_fraction(second, state, flux, times, void_fraction, cut)
+        return super()._carried_between_walls(second, state, flux, times, void_fraction, cut)
 
 
 def test_a_transport_that_forgets_the_open_parts_is_seen():

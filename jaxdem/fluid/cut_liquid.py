@@ -24,6 +24,7 @@ from jax import Array
 
 from jaxdem.errors import required
 from jaxdem.fluid.cut_cells import CutCells
+from jaxdem.fluid.cut_eddy import beside_whole_cells
 from jaxdem.fluid.grid import CellOrOne, FaceField, Grid, face_average
 from jaxdem.fluid.open_faces import next_to
 from jaxdem.fluid.volume_of_fluid import surface_courant
@@ -75,3 +76,10 @@ def surface_courant_beside(grid: Grid, cut: CutCells, velocity: FaceField, void_
     gaps: CellOrOne = 1.0 if void_fraction is None else void_fraction
     flux = tuple(f * u for f, u in zip(cut.opened(face_average(grid, gaps)), velocity, strict=True))
     return surface_courant(grid, flux, jnp.ones((), velocity[0].dtype), open_volume(cut, gaps))
+
+
+def whole_control_volumes(grid: Grid, cut: CutCells) -> FaceField:
+    """1 on the faces whose control volume no surface cuts, 0 on others."""
+    whole = cut.open_cells == 1.0
+    beside = (beside_whole_cells(grid, whole, axis) for axis in range(grid.dimension))
+    return tuple(((a == 1.0) & b).astype(a.dtype) for a, b in zip(cut.open_faces, beside, strict=True))

@@ -30,13 +30,12 @@ from jaxdem.errors import required
 from jaxdem.fluid.boundary import Sides, set_normal_velocity
 from jaxdem.fluid.carried_momentum import carried_beside_walls
 from jaxdem.fluid.cut_cells import CutCells
-from jaxdem.fluid.cut_eddy import beside_whole_cells
-from jaxdem.fluid.cut_liquid import beyond_walls, level_of, open_volume
+from jaxdem.fluid.cut_liquid import beyond_walls, level_of, open_volume, whole_control_volumes
 from jaxdem.fluid.cut_local_stress import cut_local_stress
 from jaxdem.fluid.cut_projection import CutContinuity
 from jaxdem.fluid.cut_stress import seen_stress
 from jaxdem.fluid.fluid_state import FluidProperties, FluidState, FluidStep, ParticleFields
-from jaxdem.fluid.grid import CellOrOne, FaceField, Grid, face_average, face_control_volume, sum_of_fields
+from jaxdem.fluid.grid import CellOrOne, FaceField, face_average, face_control_volume, sum_of_fields
 from jaxdem.fluid.local_stress import largest_diffusivity
 from jaxdem.fluid.momentum_step import or_one
 from jaxdem.fluid.projection import product
@@ -86,12 +85,12 @@ class CutTwoFluidSolver(TwoFluidSolver):
         flux = product(cut.opened(face_average(grid, or_one(state.void_fraction))), velocity)
         if void_fraction is not None:
             flux = continuity.corrected(flux)
-        fraction, liquid_flux = self._carried_fraction(second, state, flux, (time, time_step), void_fraction, cut)
+        fraction, liquid_flux = self._carried_between_walls(second, state, flux, (time, time_step), void_fraction, cut)
         mass_flux = tuple(
             second.density * f + (properties.density - second.density) * c
             for f, c in zip(flux, liquid_flux, strict=True)
         )
-        sides, whole = self.sides(properties, time), _whole(grid, cut)
+        sides, whole = self.sides(properties, time), whole_control_volumes(grid, cut)
         old = self._content(properties, cut, required(state.liquid_fraction, "liquid_fraction"), state.void_fraction)
         new = self._content(properties, cut, fraction, void_fraction)
         carried, into = carried_beside_walls(
@@ -160,7 +159,7 @@ class CutTwoFluidSolver(TwoFluidSolver):
         there = fluidity(second, properties.density, properties.viscosity, level)
         return largest_diffusivity(self.grid, there, density)
 
-    def _carried_fraction(  # type: ignore[override]
+    def _carried_between_walls(
         self,
         second: SecondFluid,
         state: FluidState,
@@ -296,10 +295,3 @@ class _CutBalance(NamedTuple):
 
 def _cut(properties: FluidProperties) -> CutCells:
     return required(properties.cut, "cut cells")
-
-
-def _whole(grid: Grid, cut: CutCells) -> FaceField:
-    """1 on the faces whose control volume no surface cuts, 0 on others."""
-    whole = cut.open_cells == 1.0
-    beside = (beside_whole_cells(grid, whole, axis) for axis in range(grid.dimension))
-    return tuple(((a == 1.0) & b).astype(a.dtype) for a, b in zip(cut.open_faces, beside, strict=True))
