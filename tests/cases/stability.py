@@ -272,6 +272,9 @@ def _growth(key: str, simulation: Simulation) -> Callable[..., Array]:
             )
         )
         forces_of = contact_forces if parameters.bodies.clumps is None else clump_forces
+        if rest.liquid is not None:  # the bridges of contacts act from the step after this one
+            _, rest = forces_of(ContactStep(interval.model, *args, rest, rest.velocity, jnp.zeros(())), neighbors)
+            particles = particles._replace(contact_spring=rest.contact_spring, liquid=rest.liquid)
         sums, _ = forces_of(ContactStep(interval.model, *args, rest, rest.velocity, jnp.zeros(())), neighbors)
         # A constant force on every particle, and on a clump a torque, holds the arrangement: what is tried is whether
         # it rests stably.
@@ -322,6 +325,7 @@ HELD = {
     "jkr": {"kind": "jkr", "work_of_adhesion": 1.8e-5},
     "dmt": {"kind": "dmt", "work_of_adhesion": 6e-7},
     "sjkr": {"kind": "sjkr", "energy_density": 5.2e3},
+    "capillary": {"kind": "capillary", "surface_tension": 3e-7, "contact_angle": 0.0, "liquid_content": 0.01},
 }
 """Cohesion by which two particles rest at about the overlap of `DEPTH`, without another force."""
 
