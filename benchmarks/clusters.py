@@ -171,8 +171,8 @@ def table_of(rows: list[dict[str, Any]]) -> str:
     rows = [row | {"box": tuple(row["box"])} for row in rows]
     lines = [
         "| solid fraction | cells [d] | parcels | closure | other | slip / u_t | over fine | drag / uniform "
-        "| over fine | var. solids 24 d | var. grains 24 d | var. gas 24 d | cpu per relaxation time [s] |",
-        "| --- " * 13 + "|",
+        "| over fine | var. solids 24 d | var. grains 24 d | var. gas 24 d | cpu per relaxation time [s] | processor |",
+        "| --- " * 14 + "|",
     ]
     for row in rows:
         same = [r for r in rows if all(r[name] == row[name] for name in ("solid_fraction", "diameter", "box"))]
@@ -183,7 +183,8 @@ def table_of(rows: list[dict[str, Any]]) -> str:
             parts.append(f"{row[name]['mean']:.3f} +- {row[name]['error']:.3f}")
             parts.append(f"{row[name]['mean'] / pooled(fine_runs, name)['mean']:.3f}")
         parts += [f"{row[name]['mean']:.3f} +- {row[name]['error']:.3f}" for name in VARIANCES]
-        lines.append("| " + " | ".join([*parts, f"{row['cpu_s_per_relaxation_time']:.2f}"]) + " |")
+        parts += [f"{row['cpu_s_per_relaxation_time']:.2f}", row["processor"]]
+        lines.append("| " + " | ".join(parts) + " |")
     return "\n".join(lines)
 
 

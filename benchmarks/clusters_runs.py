@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 import jaxdem
+from benchmarks import harness
 from jaxdem.closures import DragClosure, WenYu
 from jaxdem.io import Run
 from jaxdem.scene import Scene
@@ -107,7 +108,7 @@ class Case:
 
 
 def simulated(case: Case, folder: Path, closure: DragClosure | None = None) -> Run:
-    """The run, made or gone on with; the processor time that it took is kept beside it."""
+    """The run, made or gone on with; the processor time that it took, and of which processor, is kept beside it."""
     path, scene = folder / case.folder, case.scene()
     took = folder / f"{case.folder}.time.json"
     if took.exists():
@@ -121,7 +122,8 @@ def simulated(case: Case, folder: Path, closure: DragClosure | None = None) -> R
     run = jaxdem.simulate(scene, path, closure=closure, resume=path.exists(), progress=progress)
     # Programs are compiled before the first mark, so the time between marks has none of it.
     (first, begin), (last, end) = marks[min(1, len(marks) - 2)], marks[-1]
-    took.write_text(json.dumps({"cpu_s_per_relaxation_time": (end - begin) / (last - first) * RELAXATION}))
+    seconds = (end - begin) / (last - first) * RELAXATION
+    took.write_text(json.dumps({"cpu_s_per_relaxation_time": seconds, "processor": harness.machine()["processor"]}))
     return run
 
 

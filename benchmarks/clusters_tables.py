@@ -45,19 +45,20 @@ Row = dict[str, Any]
 
 
 def chosen(rows: Sequence[Row], **wanted: Any) -> list[Row]:
-    """The rows in the large box with these values; the closure without its seed."""
-    own = [row | {"closure": row["closure"].split("_")[0] if "anew" not in row["closure"] else row["closure"]}
-           for row in rows if list(row["box"]) == BOX]  # fmt: skip
-    return [row for row in own if all(row[name] == value for name, value in wanted.items())]
+    """The rows in the large box with these values; the closure without its seed. A run of two groups is there once."""
+    found: list[Row] = []
+    for row in rows:
+        closure = row["closure"] if "anew" in row["closure"] else row["closure"].split("_")[0]
+        own = row | {"closure": closure}
+        fits = list(row["box"]) == BOX and all(own[name] == value for name, value in wanted.items())
+        if fits and all(own["slip"] != other["slip"] for other in found):
+            found.append(own)
+    return found
 
 
 def fine_runs(rows: Sequence[Row], solid_fraction: float) -> list[Row]:
-    """The fine runs at a mean solid fraction, each once."""
-    found: list[Row] = []
-    for row in chosen(rows, solid_fraction=solid_fraction):
-        if is_fine(row) and all(row["slip"] != other["slip"] for other in found):
-            found.append(row)
-    return found
+    """The fine runs at a mean solid fraction."""
+    return [row for row in chosen(rows, solid_fraction=solid_fraction) if is_fine(row)]
 
 
 def over_fine(rows: Sequence[Row], own: Sequence[Row], name: str) -> tuple[float, float]:
@@ -161,10 +162,9 @@ def filtered_drag(rows: Sequence[Row]) -> str:
     """The drag that a coarse mesh has to apply, of the fine runs that have samples."""
     head = ["solid fraction", "T measured", "slip", "drag of the fine run", "that a coarse mesh has to apply",
             "quotient"]  # fmt: skip
-    lines, seen = [], set()
+    lines = []
     for row in sorted(chosen(rows), key=lambda row: row["solid_fraction"]):
-        if "filtered_drag" in row and row["slip"]["mean"] not in seen:
-            seen.add(row["slip"]["mean"])
+        if "filtered_drag" in row:
             parts = [row[name] for name in ("slip", "drag", "filtered_drag")]
             text = [f"{part['mean']:.3f} +- {part['error']:.3f}" for part in parts]
             quotient = f"{parts[2]['mean'] / parts[1]['mean']:.2f}"

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from benchmarks import clusters, harness
+from benchmarks import clusters, clusters_tables, harness
 from benchmarks import clusters_measures as measures
 from benchmarks import clusters_runs as runs
 from benchmarks.clusters_closures import MATCHED_WITHIN, parted, scaled, stronger
@@ -208,3 +208,11 @@ def test_rows_of_a_file_stand_beside_new_ones_in_the_table():
     assert clusters.table_of(new) == table
     assert table.count("small box") == sum(row["box"] == [48, 96] for row in rows) > 0
     assert (harness.RESULTS / "clusters.md").read_text().startswith(table)
+
+
+def test_the_page_has_the_tables_of_the_rows_and_a_run_of_two_groups_counts_once():
+    rows = json.loads((harness.RESULTS / "clusters.json").read_text())["rows"]
+    page = clusters_tables.PAGE.read_text()
+    twice = [*rows, *({**row, "group": "another"} for row in rows)]
+    assert clusters_tables.written(page, twice) == page
+    assert clusters_tables.written(page, rows[:-1]) != page
