@@ -160,7 +160,7 @@ class NudgedRun:
         """Args: `simulation` and `parameters` of `jaxdem.build` with a `NudgedDrag` as its closure.
 
         Raises:
-            InputError: another closure, or model B, whose drag is not that of the samples.
+            InputError: another closure, several masses, or model B, whose drag is not that of the samples.
         """
         closure = parameters.closure
         if not isinstance(closure, NudgedDrag):
@@ -173,6 +173,8 @@ class NudgedRun:
             raise InputError("coupling.form", "B", "is not for nudged runs", "Use model A.")
         self.grid = self.coupling.interval.solver.grid
         bodies = required(parameters.bodies, "bodies")
+        if np.ptp(bodies.mass):  # the mean of a would have to be that by mass
+            raise InputError("particles", "of several masses", "are not for nudged runs", "Give one size and density.")
         self.grains = bodies.of_all_grains(jnp.ones((), closure.slip.dtype))
         self.grain_mass = bodies.mass / self.grains
         self._run = jax.jit(self._all, static_argnums=(0, 1))

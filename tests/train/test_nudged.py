@@ -101,3 +101,6 @@ def test_a_run_gets_the_slip_of_the_fine_one_by_the_box_and_by_the_cells():
     assert spread["cells"] < 0.8 * spread["none"]
     with pytest.raises(InputError, match="cannot be nudged"):
         NudgedRun(simulation, parameters._replace(closure=WenYu()), run.reference)
+    sizes = parameters.bodies._replace(density=parameters.bodies.density * np.linspace(1.0, 1.1, case.count))
+    with pytest.raises(InputError, match="several masses"):
+        NudgedRun(simulation, parameters._replace(bodies=sizes), run.reference)
