@@ -45,11 +45,17 @@ def with_move_cost(
     cuts = counts(neighbors).cuts
     _, state, neighbors = program.one_step(state, neighbors, watch)  # who was about to go has gone
     beside, before = _planes_moved(simulation, neighbors), counts(neighbors).migrations
-    took = [program.one_step(state, lists, watch) for _ in range(TRIES) for lists in (neighbors, beside)]
-    plain_moved, moved = (counts(lists).migrations - before for _, _, lists in took[-2:])
-    if plain_moved or not moved:
+
+    def tried(lists: Neighbors) -> tuple[float, int]:
+        """Seconds, and how often particles went; the state is let go, as there may be no memory for several."""
+        seconds, _, then = program.one_step(state, lists, watch)
+        return seconds, counts(then).migrations - before
+
+    took = [(tried(neighbors), tried(beside)) for _ in range(TRIES)]
+    (_, stray), (_, sent) = took[-1]
+    if stray or not sent:
         return summary
-    least = [min(seconds for seconds, *_ in took[first::2]) for first in (0, 1)]
+    least = [min(seconds for seconds, _ in tries) for tries in zip(*took, strict=True)]
     move = max(least[1] - least[0], 0.0)
     return summary | {"devices": summary["devices"] | {"move_s": move, "cuts_s": move * cuts}}
 
