@@ -73,11 +73,12 @@ def hand_on(rank: int, number: int) -> None:
     """
     held, since, line, stopped, process = "", 0.0, b"", False, os.getppid()
     while True:
-        if not select.select([0], [], [], LOOK)[0]:
+        comes = select.select([0], [], [], LOOK)[0]
+        if held and ABORTED not in held and time.monotonic() - since > HELD:  # also where lines go on to come
+            _write(held)
+            held = ""
+        if not comes:
             stopped = stopped or is_stopped(process)
-            if held and time.monotonic() - since > HELD:
-                _write(held)
-                held = ""
             continue
         given = os.read(0, 65536)
         *lines, line = (line + given).splitlines(keepends=True) or [b""]

@@ -96,10 +96,13 @@ def launch(group: ProcessGroup, processes: int | None, scene: Scene, resumed: Pa
         resume: the command by which the run goes on.
 
     Raises:
-        InputError: the scene cannot be run, or its box not be cut into so many slabs.
+        InputError: the scene cannot be run, its box not be cut into so many slabs, or `JAXDEM_HEARTBEAT` is no time.
     """
     if group.member is not None or processes is None or processes == 1:
         return
+    from jaxdem.run.peers import heartbeat
+
+    heartbeat()
     _require_slabs(scene, resumed, group.devices or processes)
     cores = len(os.sched_getaffinity(0))
     if processes > cores:

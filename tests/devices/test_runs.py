@@ -268,6 +268,10 @@ def test_more_processes_than_cores_or_slabs(scene, tmp_path, monkeypatch):
         refused = run(number, *more)
         text = " ".join(refused.output.split())
         assert refused.exit_code == 2 and f"cut into {number} slabs" in text and not started, text
+    with monkeypatch.context() as given:
+        given.setenv("JAXDEM_HEARTBEAT", "soon")
+        refused = run(2)
+    assert refused.exit_code == 2 and "JAXDEM_HEARTBEAT" in refused.output and not started
     cores -= {2, 3}
     for number, told in ((3, True), (2, False)):
         done = run(number)
@@ -358,6 +362,25 @@ def test_what_libraries_write():
         command = [sys.executable, "-I", "-S", library_output.__file__, str(rank), "3"]
         done = subprocess.run(command, input=written, capture_output=True, text=True, timeout=60, check=True)
         assert (done.stdout, done.stderr) == ("", shown)
+
+
+def test_lines_that_are_held_back_come_after_a_while_also_where_others_follow():
+    script = f"""import runpy
+given = runpy.run_path({library_output.__file__!r})
+given["hand_on"].__globals__["HELD"] = 0.2
+given["hand_on"](0, 3)"""
+    helper = subprocess.Popen([sys.executable, "-c", script], stdin=subprocess.PIPE, stderr=subprocess.PIPE)
+    os.set_blocking(helper.stderr.fileno(), False)
+    shown, until = b"", time.monotonic() + 30.0
+    while b"unhealthy" not in shown and time.monotonic() < until:
+        helper.stdin.write(LOST.partition("F1130")[0].encode() if not shown else b"a line\n")
+        helper.stdin.flush()
+        time.sleep(0.1)
+        shown += helper.stderr.read() or b""
+    helper.stdin.close()
+    helper.kill()
+    helper.wait()
+    assert b"unhealthy" in shown
 
 
 def test_heartbeat():
