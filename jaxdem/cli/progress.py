@@ -42,13 +42,14 @@ class Pace:
 
     def text(self) -> str:
         """Rate and time left; empty as long as they are not known."""
-        if not self._seen:
+        seen, end = tuple(self._seen), self._end  # another thread may report meanwhile
+        if not seen:
             return ""
-        (since, start), (until, done) = self._seen[0], self._seen[-1]
-        if done <= start or until <= since or done >= self._end:
+        (since, start), (until, done) = seen[0], seen[-1]
+        if done <= start or until <= since or done >= end:
             return ""
         rate = (done - start) / (until - since)
-        hours, rest = divmod(round((self._end - done) / rate), 3600)
+        hours, rest = divmod(round((end - done) / rate), 3600)
         speed = f"{rate:.3g} {self._unit}/s  " if self._unit else ""
         return f"{speed}{hours:d}:{rest // 60:02d}:{rest % 60:02d} left"
 

@@ -259,7 +259,7 @@ def _begun(scene: Scene, path: Path) -> Path:
     """The folder of a run that failed; of stages that of the last one that has begun."""
     if not isinstance(scene, StagedScene):
         return path
-    return [path / stage.name for stage in scene.stages if (path / stage.name / SCENE).is_file()][-1]
+    return [path, *(path / stage.name for stage in scene.stages if (path / stage.name / SCENE).is_file())][-1]
 
 
 def _name(chosen: Mapping[str, object], taken: Mapping[str, Scene]) -> str:
