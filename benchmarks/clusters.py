@@ -183,7 +183,7 @@ def table_of(rows: list[dict[str, Any]]) -> str:
             parts.append(f"{row[name]['mean']:.3f} +- {row[name]['error']:.3f}")
             parts.append(f"{row[name]['mean'] / pooled(fine_runs, name)['mean']:.3f}")
         parts += [f"{row[name]['mean']:.3f} +- {row[name]['error']:.3f}" for name in VARIANCES]
-        parts += [f"{row['cpu_s_per_relaxation_time']:.2f}", row["processor"]]
+        parts += [f"{row['cpu_s_per_relaxation_time']:.2f}", row.get("processor", "")]  # not kept by earlier runs
         lines.append("| " + " | ".join(parts) + " |")
     return "\n".join(lines)
 
