@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -66,6 +67,20 @@ def end(monkeypatch):
         return jax.jit(lambda s, n: step(simulation, parameters, s, n)[0:3:2])(state, neighbors)
 
     return after
+
+
+def test_what_is_kept_changes_once(monkeypatch):
+    """Also in rows that the last two tiles share, and by what it was."""
+    monkeypatch.setattr(tiles, "ROWS", 16)
+    monkeypatch.setattr(tiles, "LEAST", 2)
+    other, kept = np.arange(70.0), np.arange(140.0).reshape(2, 70) + 1.0
+
+    def compute(cut, before):
+        return 2.0 * cut(jnp.asarray(other)) + before[0], 3.0 * before + cut(jnp.asarray(other))[None]
+
+    found, after = jax.jit(lambda kept: tiles.in_tiles(70, compute, kept))(kept)
+    np.testing.assert_array_equal(found, 2.0 * other + kept[0])
+    np.testing.assert_array_equal(after, 3.0 * kept + other)
 
 
 def test_tiles_change_nothing(end):
