@@ -155,6 +155,8 @@ def with_walls(overlap: Array, volume: Array, film: Array, constants: CohesionCo
         back = jnp.where(changed, volumes, 0.0)
         return volumes + made - back, films + sum_slots(back - made)
 
+    if jax.default_backend() != "cpu":  # a branch makes the host wait for other devices
+        return change((volume, film))
     return cond_in_batch(jnp.any(changed), change, (volume, film))
 
 
