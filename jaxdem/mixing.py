@@ -53,6 +53,9 @@ def mixing_index(
     size = np.ones(len(first)) if volume is None else np.asarray(volume, np.float64)
     _require(x, first, size, cell)
     corner = np.zeros(x.shape[1]) if origin is None else np.asarray(origin, np.float64)
+    if corner.shape != x.shape[1:] or not np.isfinite(corner).all():
+        limit = f"must be {x.shape[1]} finite numbers"
+        raise InputError("origin", origin, limit, "give one for each axis along which cells are cut [m]")
     places = np.floor((x - corner) / np.asarray(cell, np.float64)).astype(np.int64)
     _, number = np.unique(places, axis=0, return_inverse=True)
     number = number.reshape(-1)

@@ -75,3 +75,6 @@ def test_what_is_refused():
         with pytest.raises(InputError) as caught:
             mixing_index(*given)
         assert caught.value.key == key and words in f"{caught.value}"
+    for origin in (0.5, [0.5], [0.0, np.nan]):
+        with pytest.raises(InputError, match="2 finite numbers"):
+            mixing_index(x, kind, 1.0, origin=origin)
