@@ -68,8 +68,9 @@ def gaps_of(grid: Grid, pistons: Sequence[PistonInFluid], distances: Sequence[Ar
     """(H, S) gaps between each of H pistons and the surfaces that it must not meet; the size of the box for others [m].
 
     The least over the corners of the mesh of the sum of two signed distances, each from -h up: not less than the gap of
-    bodies that are apart, and larger by what the nearest corner is off the line of the shortest way. Where they meet it
-    is 0 and below. Deeper than a cell within a body the distance of another one may not be known.
+    bodies that are apart, and larger by what the nearest corner is off the line of the shortest way: nothing between
+    planes, a tenth of h between balls of 4 h, half of h at a sharp edge. Where they overlap by more it is negative.
+    Deeper than a cell within a body the distance of another one may not be known.
 
     Args:
         grid: the mesh of the fluid.
