@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import jax.numpy as jnp
 from jax import Array
@@ -14,6 +14,7 @@ from jaxdem.coupling.pistons_in_fluid import FluidOnWalls, numbers_of_interval, 
 from jaxdem.coupling.walls_in_fluid import WallsInFluid
 from jaxdem.errors import required
 from jaxdem.fluid.boundary import Boundary, velocity_at
+from jaxdem.fluid.cut_cells import CutCells
 from jaxdem.fluid.fluid_state import FluidState
 from jaxdem.fluid.interval import FluidDiagnostics, FluidInterval
 from jaxdem.numerics import pair_arithmetic as pairs
@@ -24,7 +25,7 @@ from jaxdem.numerics.static import static
 from jaxdem.numerics.tables import mean_over
 from jaxdem.particles.contact_interval import ContactInterval
 from jaxdem.particles.integrate import ParticleState
-from jaxdem.particles.moving_walls import PistonState, WallMotions, placements
+from jaxdem.particles.moving_walls import Numbers, PistonState, WallMotions, placements
 from jaxdem.particles.neighbor_search import NeighborSearch
 from jaxdem.particles.population import Population
 from jaxdem.scalars.scalars import Scalars
@@ -132,13 +133,33 @@ class Structure:
             return parameters, fluid
         start, duration = self._start_pair(parameters, step), jnp.asarray(self.interval, parameters.gravity.dtype)
         properties = required(parameters.fluid, "parameters.fluid")
-        numbers = parameters.wall_motion
-        if self.walls_in_fluid.pistons:
-            held = required(pistons, "pistons of the particles")
-            numbers = numbers_of_interval(self.walls_in_fluid.pistons, numbers, held, start)
+        numbers = self._motion_of_walls_in_fluid(parameters, pistons, start)
         middles = self.middle(parameters, step - 1), self.middle(parameters, step)
         properties, fluid = self.walls_in_fluid.over(properties, fluid, numbers, (start, duration), middles)
         return parameters._replace(fluid=properties), fluid
+
+    def open_parts(self, parameters: Parameters, state: State) -> CutCells | None:
+        """What the walls that the fluid sees leave open of its mesh at a state; None without such walls."""
+        properties, walls = required(parameters.fluid, "parameters.fluid"), self.walls_in_fluid
+        if walls is None or not walls.change_place:
+            return properties.cut
+        still, start = (
+            required(properties.still, "still surfaces of the fluid"),
+            self._start_pair(parameters, state.step),
+        )
+        pistons = None if state.particles is None else state.particles.pistons
+        numbers = self._motion_of_walls_in_fluid(parameters, pistons, start)
+        return walls.cut(still, walls.places(still, numbers, start, self.middle(parameters, state.step - 1)))
+
+    def _motion_of_walls_in_fluid(
+        self, parameters: Parameters, pistons: PistonState | None, start: Pair
+    ) -> Sequence[Numbers]:
+        """Of every wall, in an interval that begins at `start` with these pistons."""
+        held = required(self.walls_in_fluid, "walls in the fluid").pistons
+        if not held:
+            return parameters.wall_motion
+        state = required(pistons, "pistons of the particles")
+        return numbers_of_interval(held, parameters.wall_motion, state, start)
 
     def with_loaded_pistons(
         self, parameters: Parameters, state: State, report: FluidDiagnostics | None

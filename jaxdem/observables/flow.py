@@ -159,9 +159,10 @@ def _within(structure: Structure, plane: Plane, start: ParticleState, moved: Arr
 def fluid_flow(structure: Structure, parameters: Parameters, plane: Plane, state: State) -> FluidFlow:
     """Flow of the fluid through a plane that is normal to an axis, at the time of a state: Q = sum_f g u A.
 
-    g is the void fraction on a face, u the interstitial velocity and A the face's area within the rectangle; in 2-D the
-    area has the depth of the scene. Between two layers of faces the flow is interpolated linearly, which agrees with
-    continuity in a cell. Of two fluids the density on a face is the mean of its two cells.
+    g is the void fraction on a face, u the interstitial velocity and A the face's area within the rectangle, of it what
+    the walls that the fluid sees leave open; in 2-D the area has the depth of the scene. Between two layers of faces
+    the flow is interpolated linearly, which agrees with continuity in a cell. Of two fluids the density on a face is
+    the mean of its two cells.
 
     Args:
         structure: or a `Simulation`.
@@ -174,6 +175,9 @@ def fluid_flow(structure: Structure, parameters: Parameters, plane: Plane, state
     flux = fluid.face_velocity[axis]
     if fluid.void_fraction is not None:
         flux = flux * face_average_along(grid, fluid.void_fraction, axis)
+    walls = structure.open_parts(parameters, state)
+    if walls is not None:
+        flux = flux * walls.open_faces[axis]
     volume = _through(grid, plane, axis, flux)
     if properties.second is None or fluid.liquid_fraction is None:
         return FluidFlow(volume, properties.density * volume)

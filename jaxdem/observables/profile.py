@@ -51,7 +51,8 @@ class ParticleSums(NamedTuple):
 
 
 class FluidSums(NamedTuple):
-    """Sums over the cells in each of R boxes, every cell with the volume V that it has in the box.
+    """Sums over the cells in each of R boxes, every cell with the open volume V that it has in the box: all of it, or
+    what the walls that the fluid sees leave open.
 
     Attributes:
         box: (R,) sum of V [m3].
@@ -95,7 +96,7 @@ class FluidProfile(NamedTuple):
     Attributes:
         void_fraction: (R,) [-].
         velocity: (R, D) interstitial, weighted by the fluid's volume [m/s].
-        superficial_velocity: (R, D) weighted by the whole volume [m/s].
+        superficial_velocity: (R, D) weighted by the whole open volume [m/s].
         pressure: (R,) reduced pressure [Pa].
     """
 
@@ -129,15 +130,17 @@ def particle_profile(
     return particle_means(particle_sums(structure, parameters, boxes, state, neighbors))
 
 
-def fluid_profile(structure: Structure, boxes: Boxes, state: State) -> FluidProfile:
-    """Means over the fluid of a state in boxes or slices; of a cell the part that lies in the box.
+def fluid_profile(structure: Structure, parameters: Parameters, boxes: Boxes, state: State) -> FluidProfile:
+    """Means over the fluid of a state in boxes or slices; of a cell the part that lies in the box, and of this what the
+    walls that the fluid sees leave open. NaN where they leave nothing.
 
     Args:
         structure: or a `Simulation`.
+        parameters: that go with it.
         boxes: or slices, see `slices`.
         state: with a fluid.
     """
-    return fluid_means(fluid_sums(structure, boxes, state))
+    return fluid_means(fluid_sums(structure, parameters, boxes, state))
 
 
 def particle_means(sums: ParticleSums) -> ParticleProfile:
@@ -158,10 +161,10 @@ def particle_means(sums: ParticleSums) -> ParticleProfile:
 def fluid_means(sums: FluidSums) -> FluidProfile:
     """The means of sums, or of sums that were averaged over time."""
     return FluidProfile(
-        void_fraction=sums.volume / sums.box,
+        void_fraction=_ratio(sums.volume, sums.box),
         velocity=_ratio(sums.flow, sums.volume[:, None]),
-        superficial_velocity=sums.flow / sums.box[:, None],
-        pressure=sums.pressure / sums.box,
+        superficial_velocity=_ratio(sums.flow, sums.box[:, None]),
+        pressure=_ratio(sums.pressure, sums.box),
     )
 
 
@@ -237,13 +240,16 @@ def _touching(found: Contacts, neighbors: Neighbors, one: Array) -> Array:
     return sum_over_pairs(touch, touch, neighbors.pairs)
 
 
-def fluid_sums(structure: Structure, boxes: Boxes, state: State) -> FluidSums:
+def fluid_sums(structure: Structure, parameters: Parameters, boxes: Boxes, state: State) -> FluidSums:
     """What `fluid_profile` is made of; its arguments."""
     fluid, grid = required(state.fluid, "fluid"), required(structure.fluid, "fluid").solver.grid
     parts = Parts(structure.box, structure.periodic, boxes.cut)
     void = jnp.ones_like(fluid.pressure) if fluid.void_fraction is None else fluid.void_fraction
-    flow = (void * u for u in cell_average(fluid.face_velocity))
-    fields = jnp.stack([jnp.ones_like(void), void, fluid.pressure, *flow])
+    walls, faces = structure.open_parts(parameters, state), fluid.face_velocity
+    of_cells = [jnp.ones_like(void), void, fluid.pressure]
+    if walls is not None:
+        of_cells, faces = [walls.open_cells * field for field in of_cells], walls.opened(faces)
+    fields = jnp.stack([*of_cells, *(void * u for u in cell_average(faces))])
     whole = tuple(k + 1 for k in range(grid.dimension) if k not in boxes.cut)
     fields = jnp.sum(fields, axis=whole, keepdims=True)
 

@@ -101,7 +101,7 @@ class ProfileProbe(Probe):
             neighbors = required(interval.neighbors, "neighbors")
             found |= _named(PARTICLES, particle_sums(structure, parameters, boxes, state, neighbors))
         if self.with_fluid:
-            found |= _named(FLUID, fluid_sums(structure, boxes, state))
+            found |= _named(FLUID, fluid_sums(structure, parameters, boxes, state))
         return found
 
     def values(self, means: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -195,7 +195,7 @@ def fluid():
         "boundary": {"front": {"kind": "periodic"}},
         "time": {"end": 0.01, "output_interval": 0.01},
     }
-    simulation, _ = jaxdem.build(jaxdem.load_scene(tables))
+    simulation, parameters = jaxdem.build(jaxdem.load_scene(tables))
     grid = simulation.fluid.solver.grid
 
     def at(shape, function, staggered=None):
@@ -207,11 +207,11 @@ def fluid():
 
     faces = tuple(at(grid.face_shape(axis), lambda x, y, z: 1.0 + 2.0 * x - z, axis) for axis in range(3))
     pressure, void = at(grid.cells, lambda x, y, z: 50.0 * z + 0 * x), at(grid.cells, lambda x, y, z: 0.5 + z + 0 * x)
-    return simulation, State(None, FluidState(faces, pressure, void), jnp.int32(0))
+    return simulation, parameters, State(None, FluidState(faces, pressure, void), jnp.int32(0))
 
 
 def test_the_fluid_at_points_is_exact_where_it_is_linear(fluid):
-    simulation, state = fluid
+    simulation, _, state = fluid
     points = jnp.asarray([[0.11, 0.199, 0.2], [0.16, 0.001, 0.1234], [0.2, 0.1, 0.36]])
     found = jax.jit(lambda p: fluid_at(simulation, state, p))(points)
     x, _, z = np.asarray(points).T
@@ -224,9 +224,9 @@ def test_the_fluid_at_points_is_exact_where_it_is_linear(fluid):
 
 def test_means_of_the_fluid_take_the_part_of_each_cell(fluid):
     """The cells from 0.08 m and from 0.16 m up, and a quarter of the one above; against sums by NumPy."""
-    simulation, state = fluid
+    simulation, parameters, state = fluid
     boxes = slices((0.3, 0.2, 0.4), 2, (0.0, 0.08, 0.26, 0.4))
-    profile = jax.jit(lambda s: fluid_profile(simulation, boxes, s))(state)
+    profile = jax.jit(lambda s: fluid_profile(simulation, parameters, boxes, s))(state)
     part = np.array([0.0, 1.0, 1.0, 0.25, 0.0])
     void, velocity = np.asarray(state.fluid.void_fraction), np.stack(cell_average(state.fluid.face_velocity), axis=-1)
     fluid_volume = void * part
