@@ -663,7 +663,7 @@ def test_finetune_refuses_and_writes(grains, done, tmp_path, monkeypatch):
     [
         ((), ("--closure", "--subgrid new")),
         (("--subgrid", "new", "--train", "drag"), ("--train", "needs --closure")),
-        (("--subgrid", "none.h5"), ("fluid.subgrid", "none.h5", "is not a file")),
+        (("--subgrid", "none.h5"), ("--subgrid = ", "none.h5", "is not a file")),
         (("--closure", "c.h5", "--train", "subgrid"), ("--train", "needs --subgrid")),
         (("--closure", "c.h5", "--subgrid", "new"), ("--subgrid-out", "is needed")),
         (("--subgrid", "new", "--subgrid-out", "s.h5"), ("--subgrid-out", "only subgrid is trained")),
