@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from jaxdem.particles.materials import TANGENTIAL_SHARE
-from jaxdem.scene import Contact
+from jaxdem.scene import Contact, Scene
 from jaxdem.setup import stability
 from jaxdem.setup.bond_stability import bond_growth
 from jaxdem.setup.cohesion import Pair, bridge_volume, largest_bridge_damping, strongest
@@ -85,9 +85,7 @@ def contact_stability(
     thin = sum(
         not wraps and length <= 2.0 * large for wraps, length in zip(scene.periodic, scene.domain.size, strict=True)
     )
-    # A particle may lie in a corner of a mesh.
-    surfaces = own_walls.number + sum(scene.dimension if wall.kind == "mesh" else 1 for wall in scene.walls)
-    walls = min(scene.dimension, scene.periodic.count(False) + surfaces)
+    walls = _walls_at_once(scene, own_walls)
     bonds = bond_growth(particles)
     limits = []
     for body in grains:
@@ -100,6 +98,13 @@ def contact_stability(
         wall = touching(body, None)
         limits.append(contact_stability_limit(mass, scene.dimension, found, wall, walls, thin, bonds))
     return min(limits) / own_walls.slope
+
+
+def _walls_at_once(scene: Scene, own_walls: WallFunctions) -> int:
+    """Number of walls that a particle may touch at the same time."""
+    # A particle may lie in a corner of a mesh.
+    surfaces = own_walls.number + sum(scene.dimension if wall.kind == "mesh" else 1 for wall in scene.walls)
+    return min(scene.dimension, scene.periodic.count(False) + surfaces)
 
 
 def _pooled(grains: Sequence[ContactBody]) -> list[ContactBody]:
