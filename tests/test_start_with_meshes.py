@@ -1,4 +1,7 @@
-"""A scene with meshes that begins from the state of another run: what contacts with a mesh keep goes on."""
+"""A scene with meshes that begins from the state of another run: what contacts with a mesh keep goes on.
+
+They keep springs of sliding and rolling, and that JKR holds them.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +25,7 @@ SCENE = {
         "velocity": [[0.03, 0.0], [0.1, 0.0], [-0.3, 0.0]],
     },
     "contact": {"young_modulus": 1e6, "friction": 0.5, "restitution": 0.1, "rolling_friction": 0.1,
-                "rolling_model": "epsd", "speed": 1.0},
+                "rolling_model": "epsd", "speed": 1.0, "cohesion": {"kind": "jkr", "work_of_adhesion": 0.05}},
     "walls": [{"kind": "mesh", "points": [[-0.1, 0.0], [0.15, 0.0], [0.5, 0.0]], "translate": [0.0, 0.09],
                "motion": [{"kind": "oscillation", "direction": [1.0, 0.0], "amplitude": 0.003, "frequency": 8.0}]}],
     "time": {"end": END, "output_interval": 0.02},
@@ -50,7 +53,7 @@ def test_springs_of_meshes_go_on(runs, monkeypatch):
     last = whole.particles(whole.number_of_frames - 1), second.particles(second.number_of_frames - 1)
     for name in ("position", "velocity", "angular_velocity"):
         np.testing.assert_allclose(last[1][name], last[0][name], rtol=0.0, atol=1e-10, err_msg=name)
-    monkeypatch.setattr(started, "kept_of_meshes", lambda start, scene, lists, blank, rows: blank)
+    monkeypatch.setattr(started, "kept_of_meshes", lambda start, scene, lists, blank, rows, springs: blank)
     anew = simulate(scene, folder / "anew").particles(half.number_of_frames - 1)
     assert np.abs(anew["position"] - last[0]["position"]).max() > 1e-7
 

@@ -141,6 +141,9 @@ class SimplifiedJKR:
         return at_overlap(gap, constants.strength * jnp.pi * squared)
 
 
+AT_TOUCH = (DerjaguinMullerToporov, SimplifiedJKR)
+"""Kinds that act while bodies overlap, and remember nothing."""
+
 # --- the branch of JKR ----------------------------------------------------------------------------------------
 
 END_OF_NECK = -3.0 / 16.0 ** (2.0 / 3.0)

@@ -20,6 +20,7 @@ from jaxdem.particles.contact_pair import ContactLoad, ContactPair, on_bodies, r
 from jaxdem.particles.contact_step import ContactStep
 from jaxdem.particles.contact_sums import FoundContacts, Sums, WallLoads
 from jaxdem.particles.integrate import Motion
+from jaxdem.particles.mesh_cohesion import gap_of_laws, going_on, with_bridges
 from jaxdem.particles.mesh_contact import MeshMemory, MeshTouch, begins, remembered, touching
 from jaxdem.particles.mesh_list import MeshList
 from jaxdem.particles.neighbors import Neighbors, displacement_since_build
@@ -36,13 +37,17 @@ def add_meshes(step: ContactStep, neighbors: Neighbors, sums: Sums) -> tuple[Sum
         pair, touch, springs, material = _contacts_with(step, listed, k, displacement)
         load = contact_load(step, material, pair, springs)
         force, torque, _ = on_bodies(load, pair)
+        if sums.liquid is not None:
+            constants, before = required(material.cohesion, "cohesion"), memory[mesh.number].spring
+            load, film = with_bridges(listed, pair, load, before, sums.liquid, constants)
+            sums = sums._replace(liquid=film)
         if step.model.energy:
-            found = _found(step, listed, pair, load, material)._replace(walls=(wall,))
+            found = _found(step, listed, pair, load, material, springs)._replace(walls=(wall,))
             sums = sums._replace(found=(*sums.found, found))
         force, torque = tuple(map(sum_slots, force)), tuple(map(sum_slots, torque))
         sums = sums._replace(force=listed.added(sums.force, force), torque=listed.added(sums.torque, torque))
         wear.append(None if mesh.wear is None else _worn(step, mesh, pair, touch, memory[mesh.number], load))
-        kept = vectors.where(touch.found & (pair.overlap > 0), pair.normal, 0.0)
+        kept = vectors.where(touch.found & going_on(step.model, pair.overlap, load.spring), pair.normal, 0.0)
         memory[mesh.number] = MeshMemory(kept, load.spring)
         crowded = crowded | touch.crowded
         if wall in step.model.measured:
@@ -64,10 +69,10 @@ def _contacts_with(
     if placed is not None:
         moved = listed.moved(placed, step.motion.position, step.motion.low)
     memory = step.motion.mesh_memory[step.model.meshes[number].number]
-    pair, touch, springs = mesh_contacts(step, listed, moved, memory, placed)
     material, index = step.surroundings.wall, step.model.materials
     if index is not None:
         material = index.with_wall(material, step.model.analytic_walls + number, listed.row, step.properties.identity)
+    pair, touch, springs = mesh_contacts(step, listed, moved, memory, placed, material)
     return pair, touch, springs, material
 
 
@@ -87,12 +92,18 @@ def _there(step: ContactStep, listed: MeshList) -> Array:
 
 
 def _found(
-    step: ContactStep, listed: MeshList, pair: ContactPair, load: ContactLoad, material: ContactMaterial
+    step: ContactStep,
+    listed: MeshList,
+    pair: ContactPair,
+    load: ContactLoad,
+    material: ContactMaterial,
+    before: Vector,
 ) -> FoundContacts:
-    """The contacts with a mesh one by one."""
-    there = _there(step, listed)
+    """The contacts with a mesh one by one; `before` is what they had kept."""
+    there, first = _there(step, listed), len(before) - step.model.memory
+    memory = ((before[first:], load.spring[first:]),) if step.model.memory else ()
     of_one: Callable[[Vector], Vector] = lambda values: rows(listed.of_rows(values))  # noqa: E731
-    return FoundContacts(pair, load, material, of_one, None, onto_particles(step, listed), there=there)
+    return FoundContacts(pair, load, material, of_one, None, onto_particles(step, listed), memory, there)
 
 
 def onto_particles(step: ContactStep, listed: MeshList) -> Callable[[Array], Array]:
@@ -102,19 +113,35 @@ def onto_particles(step: ContactStep, listed: MeshList) -> Callable[[Array], Arr
 
 
 def mesh_contacts(
-    step: ContactStep, listed: MeshList, moved: Vector, memory: MeshMemory, placed: Placement | None
+    step: ContactStep,
+    listed: MeshList,
+    moved: Vector,
+    memory: MeshMemory,
+    placed: Placement | None,
+    material: ContactMaterial,
 ) -> tuple[ContactPair, MeshTouch, Vector]:
     """The contacts (C, M) with a mesh, a body of infinite radius and mass, and what they have kept."""
     motion = step.motion
     radius, mass = listed.radius_of_rows(step.properties.radius), listed.radius_of_rows(step.properties.mass)
     expected, velocity = listed.of_rows(step.mid_velocity), listed.of_rows(motion.velocity)
+    position: Vector = () if placed is None else listed.of_rows(motion.position)
+
+    def speed(velocity: Vector) -> Array:
+        """Faster than a gap changes."""
+        if placed is None:
+            return vectors.length(velocity)
+        found = vectors.length(vectors.subtract(velocity, placed.velocity_at(position)))
+        if placed.angular_velocity is None:
+            return found
+        return found + 2.0 * radius * vectors.length(tuple(placed.angular_velocity))
+
     # Within the step an overlap changes by less than this.
-    reach, position = vectors.length(expected), listed.of_rows(motion.position)
-    if placed is not None:
-        reach = vectors.length(vectors.subtract(expected, placed.velocity_at(position)))
-        if placed.angular_velocity is not None:
-            reach = reach + 2.0 * radius * vectors.length(tuple(placed.angular_velocity))
-    touch = touching(listed, moved, radius, 0.5 * step.time_step * reach)
+    reach, gap = 0.5 * step.time_step * speed(expected), gap_of_laws(step, material, radius)
+    if gap is not None:
+        reach = reach + gap
+        if step.model.memory:  # what ends beyond the gap is told of it
+            reach = reach + step.time_step * speed(velocity)
+    touch = touching(listed, moved, radius, reach)
     radius, mass, expected, velocity = row(radius), row(mass), rows(expected), rows(velocity)
     normal, wall_spin = touch.normal, None
     if placed is not None:
@@ -141,7 +168,10 @@ def _worn(
     touches, cell = touch.found & (pair.overlap > 0), required(touch.cell, "cell")
     turning = tangent.surface_velocity(vectors.scale(pair.radius - 0.5 * pair.overlap, pair.spin), pair.normal)
     slip = vectors.length(vectors.subtract(tangent.part_in_plane(pair.velocity, pair.normal), turning))
-    new = begins(memory, touch, pair.normal) & touches
+    new = begins(memory, touch, pair.normal)
+    if step.model.memory:  # a contact may go on without touch
+        new = new | (pair.overlap < -step.time_step * vectors.dot(pair.velocity, pair.normal))
+    new = new & touches
     contact = WearContact(touches, new, load.along, slip, pair.velocity, pair.normal, pair.effective_mass)
     return worn(contact, required(mesh.wear, "wear"), cell, mesh.cells, step.time_step)
 

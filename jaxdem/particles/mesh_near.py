@@ -22,6 +22,11 @@ FAR = 4.0
 """Overlap, in radii below zero, that stands for no contact [-]."""
 
 
+def _beyond(slack: Array | float, gap: Array | float | None) -> Array | float:
+    """Largest gap of what is listed [m]."""
+    return slack if gap is None else slack + gap
+
+
 class NearFaces(NamedTuple):
     """Grains and faces, arrays of any one shape S, at the build of a list.
 
@@ -41,9 +46,15 @@ class NearFaces(NamedTuple):
     patch: Array
     cell: Array | None = None
 
-    def is_near(self, slack: Array | float, reach: Array | float) -> Array:
-        """Whether a grain may touch the face after a motion of `slack` [m], `reach` being its radius [m]."""
-        found = (self.overlap > -slack) & (self.overlap < 1.5 * reach + slack)
+    def is_near(self, slack: Array | float, reach: Array | float, gap: Array | float | None = None) -> Array:
+        """Whether a grain may be in contact with the face after a motion of `slack` [m].
+
+        Args:
+            slack: [m].
+            reach: its radius [m].
+            gap: up to which it is in contact; None where that is touching it [m].
+        """
+        found = (self.overlap > -_beyond(slack, gap)) & (self.overlap < 1.5 * reach + slack)
         for inside in self.inside:
             found = found & (inside > -slack - NEXT * reach)
         return found
@@ -79,10 +90,10 @@ class NearEdges(NamedTuple):
     patch: Array
     cell: Array | None = None
 
-    def is_near(self, slack: Array | float, reach: Array | float) -> Array:
+    def is_near(self, slack: Array | float, reach: Array | float, gap: Array | float | None = None) -> Array:
         """See `NearFaces`."""
         margin = slack + NEXT * reach
-        found = (self.overlap > -slack) & (self.place > -margin) & (self.rest > -margin)
+        found = (self.overlap > -_beyond(slack, gap)) & (self.place > -margin) & (self.rest > -margin)
         for beyond in self.beyond:
             found = found & (vectors.dot(beyond, self.apart) < margin)
         return found
@@ -117,9 +128,9 @@ class NearCorners(NamedTuple):
     patch: Array
     cell: Array | None = None
 
-    def is_near(self, slack: Array | float, reach: Array | float) -> Array:
+    def is_near(self, slack: Array | float, reach: Array | float, gap: Array | float | None = None) -> Array:
         """See `NearFaces`."""
-        found = self.overlap > -slack
+        found = self.overlap > -_beyond(slack, gap)
         for beyond in self.beyond:
             found = found & (vectors.dot(beyond, self.apart) < slack + NEXT * reach)
         return found

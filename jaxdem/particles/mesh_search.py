@@ -48,12 +48,18 @@ class MeshSearch:
     Attributes:
         box: side lengths of the domain [m].
         periodic: whether each axis is periodic.
-        skin: see `NeighborGeometry` [m].
+        skin, gap: see `NeighborGeometry` [m].
     """
 
     box: tuple[float, ...]
     periodic: tuple[bool, ...]
     skin: float
+    gap: float | None = None
+
+    @property
+    def reach(self) -> float:
+        """Farthest that a mesh is from a grain in its list, beyond what touches it [m]."""
+        return self.skin + (self.gap or 0.0)
 
     def images(self, position: Vector) -> Places:
         """Whole periods from the box to the images that positions are in."""
@@ -148,7 +154,7 @@ class MeshSearch:
         grain, part = group // levels, entries[entry]
         own = radius if radius.ndim == 0 else radius[grain]
         values = near_of(table, part, places.of(grain), own)
-        near = values.is_near(0.5 * self.skin, own) & (place < total)
+        near = values.is_near(0.5 * self.skin, own, self.gap) & (place < total)
         upto = jnp.concatenate([jnp.zeros(1, jnp.int32), jnp.cumsum(near, dtype=jnp.int32)])
         of_grain = jnp.minimum(jnp.concatenate([begin[::levels], end[-1:]]), looks)
         before = upto[of_grain]
@@ -230,7 +236,7 @@ def needed(search: MeshSearch, surface: MeshSurface, position: Sequence[Any], ra
             entry = np.repeat(start, count) + np.arange(len(grain)) - np.repeat(np.cumsum(count) - count, count)
             part = bins.entry[entry]
             own = radius if np.ndim(radius) == 0 else radius[grain]
-            near = near_of(table, part, places.of(grain), own).is_near(0.5 * search.skin, own)
+            near = near_of(table, part, places.of(grain), own).is_near(0.5 * search.skin, own, search.gap)
             number += np.bincount(grain[np.asarray(near)], minlength=len(number))
             total += len(grain)
         near_any |= number > 0

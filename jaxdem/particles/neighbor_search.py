@@ -224,7 +224,7 @@ class NeighborSearch:
     @property
     def mesh_search(self) -> MeshSearch:
         """How particles find the meshes."""
-        return MeshSearch(self.geometry.box, self.geometry.periodic, self.geometry.skin)
+        return MeshSearch(self.geometry.box, self.geometry.periodic, self.geometry.skin, self.geometry.gap)
 
     def in_reach(
         self, position: Vector, low: tuple[Low, ...], room: Room, active: Array | None, radius: Array | None = None

@@ -41,6 +41,8 @@ class NeighborGeometry:
         skin: extra distance that is listed; the list is good until a particle has moved skin/2 [m].
         cells: number of cells of the search along each axis; as many as the reach allows if None. With it cutoff and
             skin may be traced.
+        gap: how far from a mesh bodies are still in contact with it, so that lists of meshes reach so far; None where
+            they touch [m]. With `cells` it may be traced.
     """
 
     box: tuple[float, ...]
@@ -48,6 +50,7 @@ class NeighborGeometry:
     cutoff: float
     skin: float
     cells: tuple[int, ...] | None = None
+    gap: float | None = None
 
 
 class RowRoom(NamedTuple):

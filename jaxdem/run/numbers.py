@@ -24,6 +24,7 @@ class LoopNumbers(NamedTuple):
         contact_steps: int32, their number in an interval.
         fluid_steps: int32, smallest number of fluid steps in an interval.
         cutoff, skin: of the neighbour list [m].
+        gap: at meshes, see `NeighborGeometry`; None where bodies touch them [m].
         arm: of clumps, see `NeighborSearch`; None of spheres [m].
         courant_limit: Courant number at which a fluid step is cut [-].
         speed_limit: of particles, at which a run stops [m/s].
@@ -38,6 +39,7 @@ class LoopNumbers(NamedTuple):
     courant_limit: Array | None
     speed_limit: Array | None
     arm: Array | None
+    gap: Array | None
 
 
 def loop_numbers(simulation: Simulation, dtype: DTypeLike) -> LoopNumbers:
@@ -61,6 +63,7 @@ def loop_numbers(simulation: Simulation, dtype: DTypeLike) -> LoopNumbers:
         None if fluid is None else real(fluid.courant_limit),
         real(steps.speed_limit),
         None if listed is None or simulation.search.members == 1 else real(simulation.search.arm),
+        None if listed is None else real(listed.gap),
     )
 
 
@@ -81,7 +84,7 @@ def with_numbers(simulation: Simulation, numbers: LoopNumbers) -> Simulation:
     if simulation.contact is not None:
         search, number = simulation.contact.search, cast(Any, numbers.contact_steps)
         if search is not None:
-            reach: dict[str, Any] = {"cutoff": numbers.cutoff, "skin": numbers.skin}
+            reach: dict[str, Any] = {"cutoff": numbers.cutoff, "skin": numbers.skin, "gap": numbers.gap}
             geometry = dataclasses.replace(search.geometry, cells=search.cells, **reach)
             arm: Any = 0.0 if numbers.arm is None else numbers.arm
             search = dataclasses.replace(search, geometry=geometry, typical_radius=0.0, arm=arm)

@@ -8,6 +8,7 @@ import numpy as np
 
 from jaxdem.errors import InputError
 from jaxdem.particles.adhesion import (
+    AT_TOUCH,
     DerjaguinMullerToporov,
     JohnsonKendallRoberts,
     SimplifiedJKR,
@@ -25,11 +26,11 @@ from jaxdem.particles.neighbors import NeighborGeometry
 from jaxdem.particles.population import Population
 from jaxdem.particles.rolling import ConstantDirectionalTorque, ElasticPlasticSpringDashpot, RollingFriction
 from jaxdem.particles.walls import BoxSide, box_sides
-from jaxdem.setup.cohesion import check_bridges, cohesion_reach
+from jaxdem.setup.attraction import longest_gap
+from jaxdem.setup.cohesion import check_bridges
 from jaxdem.setup.coincident_walls import check_coincident
 from jaxdem.setup.energy import check_energy
 from jaxdem.setup.extensions import Extensions
-from jaxdem.setup.lubrication import lubrication_reach
 from jaxdem.setup.particles import ParticleSetup
 from jaxdem.setup.size_levels import list_skin, size_levels
 from jaxdem.setup.wall_motion import surface_motions
@@ -54,8 +55,8 @@ COHESIONS: dict[str, Callable[[], Cohesion]] = {
     "sjkr": SimplifiedJKR,
 }
 
-AT_MESHES = {"dmt": DerjaguinMullerToporov, "sjkr": SimplifiedJKR}
-"""Kinds of cohesion that walls of kind mesh have too: they act while bodies overlap, and remember nothing."""
+AT_MESHES = {"dmt": DerjaguinMullerToporov, "sjkr": SimplifiedJKR, "jkr": JohnsonKendallRoberts}
+"""Kinds of cohesion that walls of kind mesh have too."""
 
 
 def contact_interval(
@@ -130,22 +131,28 @@ def _materials(particles: ParticleSetup, sides: int, surfaces: int) -> MaterialI
 
 
 def _check_gaps_at_meshes(particles: ParticleSetup, cohesion: Cohesion | None, extensions: Extensions) -> None:
-    """Refuses what acts over a gap in a scene with walls that are meshes."""
-    limit = "over a gap, and lists of walls that are meshes reach as far as contacts only"
-    if cohesion is not None and not isinstance(cohesion, tuple(AT_MESHES.values())):
-        key, kind = "contact.cohesion.kind", particles.contact.cohesion_kind
-        if extensions.get("cohesion") is not None:
-            key, kind = "cohesion", type(cohesion).__name__
-        raise InputError(key, kind, f"may act {limit}", f"take {' or '.join(AT_MESHES)}, or planes as walls")
+    """Refuses what does not act on walls that are meshes.
+
+    Raises:
+        InputError: it does not; or it comes from the user, and the kind of the table may not reach as far.
+    """
+    kind, own = particles.contact.cohesion_kind, extensions.get("cohesion")
+    if cohesion is not None and kind not in AT_MESHES:
+        limit = f"does not act on walls that are meshes; {', '.join(AT_MESHES)} do"
+        raise InputError("contact.cohesion.kind", kind, limit, f"take {' or '.join(AT_MESHES)}, or planes as walls")
+    if own is not None and not isinstance(own, AT_TOUCH) and isinstance(COHESIONS[str(kind)](), AT_TOUCH):
+        limit = f"may act over a gap, and lists of walls that are meshes reach as far as the kind of the table, {kind}"
+        raise InputError("cohesion", type(own).__name__, limit, "name a kind there that acts over as long a gap")
     if particles.contact.lubrication is not None:
-        raise InputError("contact.lubrication", "...", f"acts {limit}", "take planes as walls")
+        limit = "does not act on walls that are meshes"
+        raise InputError("contact.lubrication", "...", limit, "take planes as walls")
 
 
 def neighbor_geometry(particles: ParticleSetup) -> NeighborGeometry:
     """Reach of the neighbour list: largest diameter and reach of cohesion or lubrication; its skin is `list_skin`."""
     scene, diameter = particles.scene, particles.spheres.largest_diameter
     skin = list_skin(particles.contact, particles.spheres.radius, scene.dimension, particles.members)
-    cutoff = diameter + max(cohesion_reach(particles), lubrication_reach(particles))
+    cutoff = diameter + longest_gap(particles)
     for axis, wraps in enumerate(scene.periodic):
         needed = 3.0 * (cutoff + skin)
         if wraps and scene.domain.size[axis] < needed:
@@ -155,7 +162,7 @@ def neighbor_geometry(particles: ParticleSetup) -> NeighborGeometry:
                 f"a periodic side must be at least {needed:.4g} m, three times the reach of the neighbour list",
                 "enlarge the box, or make that side a wall",
             )
-    return NeighborGeometry(scene.domain.size, scene.periodic, cutoff, skin)
+    return NeighborGeometry(scene.domain.size, scene.periodic, cutoff, skin, gap=particles.gap_at_meshes)
 
 
 def _typical_radius(particles: ParticleSetup) -> float:

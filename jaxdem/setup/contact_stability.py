@@ -8,8 +8,9 @@ from collections.abc import Sequence
 from jaxdem.particles.materials import TANGENTIAL_SHARE
 from jaxdem.scene import Contact, Scene
 from jaxdem.setup import stability
+from jaxdem.setup.attraction import Pair, bridge_volume, strongest
 from jaxdem.setup.bond_stability import bond_growth
-from jaxdem.setup.cohesion import Pair, bridge_volume, largest_bridge_damping, strongest
+from jaxdem.setup.cohesion import largest_bridge_damping
 from jaxdem.setup.contact_bodies import ContactBody, ContactConstants, crowding, effective, pair_constants
 from jaxdem.setup.contact_limit import ROOM, Neighbours, contact_stability_limit
 from jaxdem.setup.lubrication import largest_resistance, largest_shear

@@ -1,4 +1,4 @@
-"""What lubrication does to the limits of a scene: reach and largest resistance. Host side, plain numbers."""
+"""What lubrication does to the limits of a scene: its largest resistance. Host side, plain numbers."""
 
 from __future__ import annotations
 
@@ -6,30 +6,11 @@ import itertools
 import math
 from collections.abc import Sequence
 
-from jaxdem.errors import InputError, required
+from jaxdem.errors import required
 from jaxdem.particles.lubrication import ROLLING_SHARE
 from jaxdem.scene.lubrication import Lubrication
 from jaxdem.setup.contact_bodies import ContactBody, effective
 from jaxdem.setup.particles import ParticleSetup
-
-LARGEST_REACH = 0.5
-"""Longest cutoff that is accepted, over the radius of the smallest particle."""
-
-
-def lubrication_reach(particles: ParticleSetup) -> float:
-    """Longest gap at which the liquid acts [m].
-
-    Raises:
-        InputError: it is longer than half of the smallest radius, of clumps of that of a member.
-    """
-    table = particles.contact.lubrication
-    if table is None or particles.bodies.radius.size == 0:
-        return 0.0
-    longest = LARGEST_REACH * particles.spheres.smallest_radius
-    if table.cutoff > longest:
-        limit = f"is at most half of the smallest radius, {longest:.3g} m: the force is that of a narrow gap"
-        raise InputError("contact.lubrication.cutoff", table.cutoff, limit, "lower it")
-    return table.cutoff
 
 
 def largest_resistance(particles: ParticleSetup, radius: float) -> float:

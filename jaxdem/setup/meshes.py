@@ -69,7 +69,7 @@ class WallMesh:
     @cached_property
     def _whole(self) -> SurfaceMesh:
         """The mesh with its images across periodic sides."""
-        return self.mesh.repeated(self.search.box, self.search.periodic, self.largest + self.search.skin)
+        return self.mesh.repeated(self.search.box, self.search.periodic, self.largest + self.search.reach)
 
     @cached_property
     def features(self) -> Features:
@@ -79,7 +79,9 @@ class WallMesh:
     @cached_property
     def surface(self) -> MeshSurface:
         """The same as arrays of NumPy in float64."""
-        found = tables_of_features(self.features, self.both, 1.001 * self.largest, 0.501 * self.search.skin)
+        found = tables_of_features(
+            self.features, self.both, 1.001 * (self.largest + (self.search.gap or 0.0)), 0.501 * self.search.skin
+        )
         if self.wall.wear is None:
             return found
         cells = owners(self.mesh, self._whole, self.features, self.search.box, self.search.periodic)
@@ -140,7 +142,9 @@ class WallMesh:
         return int(sum(leaf.size * (8 if leaf.dtype == np.float64 else 4) for leaf in leaves))
 
 
-def wall_meshes(scene: Scene, contact: Contact, radius: np.ndarray, members: int) -> tuple[WallMesh, ...]:
+def wall_meshes(
+    scene: Scene, contact: Contact, radius: np.ndarray, members: int, gap: float | None
+) -> tuple[WallMesh, ...]:
     """The walls of a scene that are meshes.
 
     Args:
@@ -148,12 +152,13 @@ def wall_meshes(scene: Scene, contact: Contact, radius: np.ndarray, members: int
         contact: its table `[contact]`.
         radius: () or (N,) of all spheres that there ever are [m].
         members: of a body.
+        gap: see `NeighborGeometry` [m].
 
     Raises:
         InputError: a file cannot be read, or a mesh is broken or lies where it cannot be meant to.
     """
     largest = float(np.max(radius))
-    search = MeshSearch(scene.domain.size, scene.periodic, list_skin(contact, radius, scene.dimension, members))
+    search = MeshSearch(scene.domain.size, scene.periodic, list_skin(contact, radius, scene.dimension, members), gap)
     typical = float(np.mean(np.power(radius, scene.dimension))) ** (1.0 / scene.dimension)
     found = []
     for number, wall in enumerate(scene.walls):

@@ -11,6 +11,7 @@ from jaxdem.errors import InputError
 from jaxdem.scene import Contact, Particles, Scene
 from jaxdem.scene.rows import Numbers, rows_of
 from jaxdem.setup.arrivals import Arrivals, Queue, arrivals
+from jaxdem.setup.attraction import longest_gap
 from jaxdem.setup.bodies import Bodies, joined, particle_bodies
 from jaxdem.setup.bonds import BondList, bond_list
 from jaxdem.setup.materials import MaterialTable, material_table
@@ -174,7 +175,14 @@ class ParticleSetup:
     @cached_property
     def meshes(self) -> tuple[WallMesh, ...]:
         """The walls that are meshes."""
-        return wall_meshes(self.scene, self.contact, self.spheres.radius, self.members)
+        return wall_meshes(self.scene, self.contact, self.spheres.radius, self.members, self.gap_at_meshes)
+
+    @cached_property
+    def gap_at_meshes(self) -> float | None:
+        """Gap up to which grains are in contact with a mesh; None where they touch, and without meshes [m]."""
+        if not any(wall.kind == "mesh" for wall in self.scene.walls):
+            return None
+        return longest_gap(self) or None
 
     @cached_property
     def bonds(self) -> BondList | None:

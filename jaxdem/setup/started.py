@@ -95,8 +95,8 @@ class Beginning:
         particles = particles._replace(contact_spring=kept[: self._kept])
         particles = with_mesh_memory(particles, required(simulation.contact, "contact"), neighbors.room)
         if neighbors.meshes and not own.settings.relax:
-            kept_memory = kept_of_meshes(self.start, self.scene, neighbors.meshes, particles.mesh_memory, own.placed)
-            particles = particles._replace(mesh_memory=kept_memory)
+            given = self.start, self.scene, neighbors.meshes, particles.mesh_memory, own.placed
+            particles = particles._replace(mesh_memory=kept_of_meshes(*given, self._springs))
         return state._replace(particles=particles), neighbors
 
     def _placed(self, particles: ParticleState) -> tuple[Placement | None, ...]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import itertools
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -16,7 +17,12 @@ from jaxdem.setup.start_point import StartPoint, wall_text
 
 
 def kept_of_meshes(
-    start: StartPoint, scene: Scene, lists: Sequence[MeshList], blank: Sequence[MeshMemory], rows: int
+    start: StartPoint,
+    scene: Scene,
+    lists: Sequence[MeshList],
+    blank: Sequence[MeshMemory],
+    rows: int,
+    springs_of: Callable[[str], list[np.ndarray]],
 ) -> tuple[MeshMemory, ...]:
     """What the contacts with each mesh keep: those with a mesh that was there already go on.
 
@@ -26,12 +32,16 @@ def kept_of_meshes(
         lists: of its meshes.
         blank: of contacts that have just begun, for these lists.
         rows: number of particles of the run before, which have the first rows here.
+        springs_of: from the name of an array of the particles to the stored components that contacts here keep too.
     """
     here = [wall_text(wall) for wall in scene.walls if wall.kind == "mesh"]
-    return tuple(
-        _moved(start.arrays, start.meshes.index(text), listed, own, rows) if text in start.meshes else own
-        for text, listed, own in zip(here, lists, blank, strict=True)
-    )
+    found = []
+    for text, listed, own in zip(here, lists, blank, strict=True):
+        if text in start.meshes:
+            number = start.meshes.index(text)
+            own = _moved(start.arrays, number, listed, own, rows, springs_of(f"mesh_memory[{number}].spring"))
+        found.append(own)
+    return tuple(found)
 
 
 def wear_of_meshes(start: StartPoint, scene: Scene, blank: Sequence[WornMesh | None]) -> tuple[WornMesh | None, ...]:
@@ -50,9 +60,16 @@ def wear_of_meshes(start: StartPoint, scene: Scene, blank: Sequence[WornMesh | N
     return tuple(found)
 
 
-def _moved(arrays: Mapping[str, np.ndarray], number: int, new: MeshList, blank: MeshMemory, rows: int) -> MeshMemory:
+def _moved(
+    arrays: Mapping[str, np.ndarray],
+    number: int,
+    new: MeshList,
+    blank: MeshMemory,
+    rows: int,
+    springs: Sequence[np.ndarray],
+) -> MeshMemory:
     """What the contacts with mesh `number` of a checkpoint go on with, moved to the rows of another list by the grains'
-    identity; kinds of springs that were not there stay at rest."""
+    identity; of stored `springs`, and those that were not there stay at rest."""
     if f"neighbors.meshes[{number}].row" not in arrays:
         return blank
     old, now = arrays[f"neighbors.meshes[{number}].row"], np.asarray(new.row)
@@ -61,14 +78,15 @@ def _moved(arrays: Mapping[str, np.ndarray], number: int, new: MeshList, blank: 
     place[old[known]] = known
     wanted = place[now]
 
-    def carried(name: str, parts: Vector) -> Vector:
+    def carried(parts: Vector, before: Sequence[np.ndarray]) -> Vector:
         found = []
-        for k, part in enumerate(parts):
-            values, stored = np.array(part), arrays.get(f"state.particles.mesh_memory[{number}].{name}[{k}]")
+        for part, stored in itertools.zip_longest(parts, before):
+            values = np.array(part)
             if stored is not None:
                 contacts = min(len(values), len(stored))
                 values[:contacts] = np.where(wanted >= 0, stored[:contacts, np.maximum(wanted, 0)], 0.0)
             found.append(on_device(values, values.dtype))
         return tuple(found)
 
-    return MeshMemory(*(carried(name, getattr(blank, name)) for name in MeshMemory._fields))
+    names = [f"state.particles.mesh_memory[{number}].normal[{k}]" for k in range(len(blank.normal))]
+    return MeshMemory(carried(blank.normal, [arrays[name] for name in names]), carried(blank.spring, springs))

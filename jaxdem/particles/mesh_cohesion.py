@@ -1,0 +1,72 @@
+"""What acts on grains over a gap at a mesh: how far a contact is looked for, what it keeps, and liquid bridges."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+from jax import Array
+
+from jaxdem.errors import required
+from jaxdem.numerics.vectors import Vector
+from jaxdem.particles import liquid
+from jaxdem.particles.adhesion import AT_TOUCH
+from jaxdem.particles.cohesion import CohesionConstants, Gap
+from jaxdem.particles.contact import ContactMaterial
+from jaxdem.particles.contact_model import ContactModel
+from jaxdem.particles.contact_pair import ContactLoad, ContactPair, row, sum_slots
+from jaxdem.particles.contact_step import ContactStep
+from jaxdem.particles.mesh_list import MeshList
+
+
+def gap_of_laws(step: ContactStep, material: ContactMaterial, radius: Array) -> Array | None:
+    """() or (M,) gap at which cohesion or a liquid acts on the grains of M rows; None where nothing does [m].
+
+    Args:
+        step: laws.
+        material: of the contacts, () or (1, M).
+        radius: () or (M,) [m].
+    """
+    model, found = step.model, None
+    if model.cohesion is not None and not isinstance(model.cohesion, AT_TOUCH):
+        size = row(radius)
+        gap = Gap(jnp.zeros_like(size), size, None, size, material.effective_young_modulus)
+        reach = model.cohesion.reach(gap, required(material.cohesion, "cohesion"))
+        found = reach[0] if reach.ndim else reach
+    if model.lubrication is not None:
+        cutoff = required(material.lubrication, "lubrication").cutoff
+        found = cutoff if found is None else jnp.maximum(found, cutoff)
+    return found
+
+
+def going_on(model: ContactModel, overlap: Array, spring: Vector) -> Array:
+    """(C, M) bool, contacts that the next step goes on with: bodies touch, or cohesion remembers something.
+
+    Args:
+        model: laws.
+        overlap: (C, M) [m].
+        spring: what the contacts keep.
+    """
+    found = overlap > 0
+    for kept in spring[len(spring) - model.memory :]:
+        found = found | (kept != 0)
+    return found
+
+
+def with_bridges(
+    listed: MeshList, pair: ContactPair, load: ContactLoad, before: Vector, film: Array, constants: CohesionConstants
+) -> tuple[ContactLoad, Array]:
+    """The load with the bridges, and the films (N,), after those that form and rupture now, see `liquid` [m3].
+
+    Where two contacts become one, as in a bend that a grain rolls into, the liquid of the other goes back to the grain.
+
+    Args:
+        listed: grains near the mesh.
+        pair: their contacts with it, (C, M).
+        load: what these do, with the bridges as they were.
+        before: what the contacts of the step before have kept, (C, M) each.
+        film: (N,) [m3].
+        constants: of the liquid.
+    """
+    own, bridges = listed.of_rows((film,))[0], load.spring[-1]
+    left = own + (sum_slots(before[-1]) - sum_slots(bridges))
+    volume, left = liquid.with_walls(pair.overlap, bridges, left, constants)
+    return load._replace(spring=(*load.spring[:-1], volume)), listed.added((film,), (left - own,))[0]

@@ -1,0 +1,106 @@
+"""What acts over a gap at walls that are meshes: as at planes, over edges, on meshes that move; energy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.cases.energy import BOX, RADIUS, balance_of, with_tables
+from tests.cases.surfaces import plane_mesh, saved
+from tests.cases.tiers import tiered
+
+KINDS = {
+    "jkr": {"cohesion": {"kind": "jkr", "work_of_adhesion": 0.05}},
+}
+HEIGHT = 0.005
+
+IN_SPACE = with_tables(
+    BOX,
+    domain={"size": [0.02, 0.02, 0.02]},
+    particles={
+        "position": [[0.004, 0.007, HEIGHT + 1.0002 * RADIUS], [0.012, 0.011, HEIGHT + 1.03 * RADIUS],
+                     [0.017, 0.014, HEIGHT + 1.08 * RADIUS]],
+        "velocity": [[0.5, 0.2, -0.005], [0.3, -0.2, -0.2], [0.0, 0.1, -0.12]],
+        "angular_velocity": [[-200.0, 500.0, 5.0], [50.0, 0.0, 0.0], [0.0, 0.0, 0.0]],
+    },
+    contact={"restitution": 0.6, "time_step": 8e-7},
+    time={"end": 0.008, "output_interval": 0.008},
+)  # fmt: skip
+"""Grains that slide and roll over most of a plane, part from it, and stay away."""
+
+IN_PLANE = with_tables(
+    IN_SPACE,
+    domain={"size": [0.02, 0.02]},
+    particles={
+        name: [[row[0], row[-1]] if len(row) == 3 and name != "angular_velocity" else [row[1]] for row in rows]
+        for name, rows in IN_SPACE["particles"].items() if isinstance(rows, list)
+    },
+)  # fmt: skip
+
+
+def planes_of(dimension, folder, cells):
+    """A plane, and the same plane as a mesh."""
+    if dimension == 2:
+        places = np.linspace(-0.01, 0.03, cells + 1)
+        mesh = {"points": [[float(x), HEIGHT] for x in places]}
+        return {"kind": "plane", "point": [0.0, HEIGHT], "normal": [0.0, 1.0]}, {"kind": "mesh", **mesh}
+    path = saved(plane_mesh(round((cells / 2) ** 0.5), -0.01, 0.03, HEIGHT, 0.3), folder / "plane.ply")
+    return {"kind": "plane", "point": [0.0, 0.0, HEIGHT], "normal": [0.0, 0.0, 1.0]}, {"kind": "mesh", "file": path}
+
+
+def kept_by(state, number, at_mesh):
+    """Sums over the contacts with the wall of what they keep."""
+    memory = state.particles.mesh_memory[0].spring if at_mesh else state.particles.wall_spring
+    return np.asarray([np.sum(np.asarray(part if at_mesh else part[number])) for part in memory])
+
+
+MOTION = {
+    2: [{"kind": "oscillation", "direction": [0.3, 1.0], "amplitude": 1e-5, "frequency": 120.0},
+        {"kind": "rotation", "center": [0.01, HEIGHT], "rate": 0.3}],
+    3: [{"kind": "oscillation", "direction": [0.0, 0.3, 1.0], "amplitude": 1e-5, "frequency": 120.0},
+        {"kind": "rotation", "axis": [0.6, 0.8, 0.2], "center": [0.01, 0.01, HEIGHT], "rate": 0.3}],
+}  # fmt: skip
+CASES = [(kind, *rest) for kind in KINDS for rest in ((2, 40, True), (3, 2, False), (3, 800, True))]
+
+
+@pytest.mark.parametrize(("kind", "dimension", "cells", "moves"), tiered(CASES, first=[("jkr", 3, 800, True)]))
+def test_a_mesh_is_a_plane(kind, dimension, cells, moves, tmp_path):
+    """Motion, what contacts keep, what is stored and what is taken, part by part; the balance closes."""
+    tables = with_tables(IN_SPACE if dimension == 3 else IN_PLANE, contact=KINDS[kind])
+    motion = {"motion": MOTION[dimension]} if moves else {}
+    walls = [wall | motion for wall in planes_of(dimension, tmp_path, cells)]
+    plane, mesh = (balance_of(with_tables(tables, walls=[wall])) for wall in walls)
+    expected, found = (one["state"].particles for one in (plane, mesh))
+    for name in ("position", "velocity", "angular_velocity"):
+        scale = np.abs(getattr(expected, name)).max()
+        assert np.abs(getattr(found, name) - getattr(expected, name)).max() < 1e-11 * scale, name
+    turned_over = mesh["gained"] / mesh["gained_relative"]
+    for part in ("dissipated", "start", "end", "work"):
+        for name, value in plane[part].items():
+            assert mesh[part][name] == pytest.approx(value, rel=1e-9, abs=1e-13 * turned_over), (part, name)
+    assert abs(mesh["gained_relative"]) < 1e-6 and abs(mesh["missing"]) < 1e-11 * turned_over
+    assert abs(mesh["end"]["surface"] + mesh["dissipated"]["liquid"]) > 1e-6 * turned_over
+    kept = kept_by(plane["state"], 2 * dimension, False)
+    assert np.abs(kept).max() > 0.0
+    np.testing.assert_allclose(kept_by(mesh["state"], 0, True), kept, rtol=1e-7, atol=1e-9 * np.abs(kept).max())
+
+
+HILLS = {
+    "kind": "mesh", "points": [[-0.01, 0.004], [0.004, 0.004], [0.0065, 0.0052], [0.009, 0.004], [0.03, 0.004]],
+    "motion": [{"kind": "oscillation", "direction": [1.0, 0.3], "amplitude": 2e-4, "frequency": 120.0}],
+}  # fmt: skip
+"""Two concave edges and a convex one between them, that shake."""
+
+
+@pytest.mark.parametrize("kind", tiered(KINDS, first=["jkr"]))
+def test_the_energy_of_grains_that_go_over_edges(kind):
+    """One that goes over a valley up to the top, and one that goes into another valley and out of it."""
+    grains = {
+        "position": [[0.003, 0.004 + 1.001 * RADIUS], [0.0105, 0.004 + 1.05 * RADIUS]],
+        "velocity": [[0.6, 0.0], [-0.4, -0.01]], "angular_velocity": [[-400.0], [100.0]],
+    }  # fmt: skip
+    found = balance_of(with_tables(IN_PLANE, contact=KINDS[kind], particles=grains, walls=[HILLS]))
+    turned_over = found["gained"] / found["gained_relative"]
+    assert abs(found["gained_relative"]) < 1e-6 and abs(found["missing"]) < 1e-11 * turned_over
+    assert abs(found["work"]["walls"]) > 1e-4 * turned_over
+    assert float(found["state"].particles.position[0, 0]) > 0.0065
