@@ -43,7 +43,8 @@ MEANING = {
     ),
     Failure.PISTON_MEETS: (
         "a wall that a force holds and that the fluid sees meets another wall, and walls do not push each other",
-        "end the run before, place the walls further apart, put grains between them, or change its force or damping",
+        "end the run before, place the walls further apart, put grains between them, change its force or damping, or "
+        "change begin of a gate",
     ),
     Failure.COURANT: (
         "the Courant number is above fluid.courant_limit with 8 fluid steps in a coupling interval",

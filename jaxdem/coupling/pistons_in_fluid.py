@@ -29,13 +29,21 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
 
-from jaxdem.fluid.grid import Grid
+from jaxdem.fluid.grid import Grid, sum_of
 from jaxdem.fluid.surface_response import SurfaceResponse
 from jaxdem.numerics.blocks import largest
 from jaxdem.numerics.compensated import Pair
 from jaxdem.numerics.host import namespace
 from jaxdem.numerics.static import static
 from jaxdem.particles.moving_walls import Numbers, PistonNumbers, PistonState
+
+TOUCHING = 0.01
+"""Gap between a piston and a wall over the size of a cell, up to which they touch from the start: a piston in its guide
+[-]."""
+
+FACING = 0.7
+"""Two bodies face each other along the way of a piston where the product of the slopes of their distances is below
+minus this: a wall at less than 45 degrees to the way of a plane is its guide [-]."""
 
 
 @static
@@ -49,7 +57,8 @@ class PistonInFluid:
         direction: unit vector that it moves along, D numbers.
         displaced: V, volume of fluid that it displaces; 0 of a plane or wedge, which has no other side [m3].
         apart: surfaces among those that the fluid sees, each with its wall in the scene, which it must not meet: those
-            of other walls that it does not touch where the scene has it.
+            of other walls that it does not touch where the scene has it, and those that come later.
+        along: others that it touches where the scene has it, or slides along: it must not move against these.
     """
 
     number: int
@@ -58,6 +67,7 @@ class PistonInFluid:
     direction: tuple[float, ...]
     displaced: float = 0.0
     apart: tuple[tuple[int, int], ...] = ()
+    along: tuple[tuple[int, int], ...] = ()
 
     def touches(self, response: SurfaceResponse) -> Array:
         """() bool, whether there is fluid beside it."""
@@ -72,6 +82,9 @@ def gaps_of(grid: Grid, pistons: Sequence[PistonInFluid], distances: Sequence[Ar
     planes, a tenth of h between balls of 4 h, half of h at a sharp edge. Where they overlap by more it is negative.
     Deeper than a cell within a body the distance of another one may not be known.
 
+    Of a surface that the piston slides along only corners count between parts that face each other along its way, where
+    the product of the slopes of both distances is below -`FACING`: not the sides of a guide, but its end.
+
     Args:
         grid: the mesh of the fluid.
         pistons: H of them.
@@ -82,10 +95,28 @@ def gaps_of(grid: Grid, pistons: Sequence[PistonInFluid], distances: Sequence[Ar
     found = []
     for piston in pistons:
         own = xp.min(xp.stack([shallow[k] for k in piston.surfaces]), axis=0)
-        apart, far = {number for number, _ in piston.apart}, xp.asarray(math.hypot(*grid.size), own.dtype)
-        found.append(xp.stack([xp.min(own + d) if k in apart else far for k, d in enumerate(shallow)]))
-    gaps = xp.stack(found)
+        apart, along = ({number for number, _ in walls} for walls in (piston.apart, piston.along))
+        far = xp.asarray(math.hypot(*grid.size), own.dtype)
+        slope = (
+            _slope(grid, piston, xp.min(xp.stack([distances[k] for k in piston.surfaces]), axis=0)) if along else 0.0
+        )
+        for k, other in enumerate(shallow):
+            gap = far
+            if k in apart:
+                gap = xp.min(own + other)
+            elif k in along:
+                facing = slope * _slope(grid, piston, distances[k]) < -FACING
+                gap = xp.min(xp.where(facing, own + other, far)) + TOUCHING * depth
+            found.append(gap)
+    gaps = xp.reshape(xp.stack(found), (len(pistons), len(distances)))
     return gaps if xp is np else -largest(grid.blocks, -lax.stop_gradient(gaps))
+
+
+def _slope(grid: Grid, piston: PistonInFluid, distance: Array) -> Array:
+    """Change of a distance at the corners along the way of a piston [-]."""
+    xp = namespace(distance)
+    parts = enumerate(zip(piston.direction, grid.spacing, strict=True))
+    return sum_of([part * xp.gradient(distance, h, axis=axis) for axis, (part, h) in parts if part])
 
 
 class FluidOnWalls(NamedTuple):

@@ -81,7 +81,7 @@ def _pistons(simulation: Simulation, flag: Failure, before: State, told: Diagnos
     ways = np.asarray(required(required(before.particles, "particles").pistons, "pistons").displacement)
     found = {}
     for one, gaps in zip(pistons, np.asarray(required(response.gap, "gaps of pistons")), strict=True):
-        met = sorted({wall for number, wall in one.apart if gaps[number] <= 0.0})
+        met = sorted({wall for number, wall in (*one.apart, *one.along) if gaps[number] <= 0.0})
         if met if flag == Failure.PISTON_MEETS else not bool(one.touches(response)):
             others = " and ".join(f"walls.{k}" for k in met)
             found[one] = f" (meets {others})" if met else ""

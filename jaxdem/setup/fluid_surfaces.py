@@ -12,7 +12,7 @@ import numpy as np
 from jax import Array
 
 from jaxdem.coupling.open_parts import corner_points
-from jaxdem.coupling.pistons_in_fluid import PistonInFluid, gaps_of
+from jaxdem.coupling.pistons_in_fluid import TOUCHING, PistonInFluid, gaps_of
 from jaxdem.coupling.walls_in_fluid import FAR, MovingSurface, signed_distance
 from jaxdem.errors import InputError, required
 from jaxdem.fluid.grid import Grid
@@ -30,9 +30,8 @@ from jaxdem.solids.clipping import positive_part
 from jaxdem.solids.motion import Drift, RigidMotion, Translation
 from jaxdem.solids.motion_tables import number, placement_of, unit
 
-TOUCHING = 0.01
-"""Gap between a piston and a wall over the size of a cell, up to which they touch from the start: a piston in its guide
-[-]."""
+SAME = 1e-9
+"""Change of the distance of a surface over a cell, over its size, up to which it is the same [-]."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -108,7 +107,11 @@ def motion_in_fluid(wall: Wall) -> RigidMotion | None:
 
 
 def pistons_in_fluid(scene: Scene, grid: Grid, surfaces: Sequence[SeenSurface]) -> tuple[PistonInFluid, ...]:
-    """The pistons among the surfaces that the fluid sees."""
+    """The pistons among the surfaces that the fluid sees.
+
+    Raises:
+        InputError: a piston overlaps another wall that is there from the start, and faces it.
+    """
     pistons, found = [k for k, wall in enumerate(scene.walls) if wall.piston is not None], []
     if any(scene.walls[k].seen_by_fluid for k in pistons):
         distances: list[Any] = [surface.distance(corner_points(grid)) for surface in surfaces]
@@ -121,11 +124,39 @@ def pistons_in_fluid(scene: Scene, grid: Grid, surfaces: Sequence[SeenSurface]) 
             displaced = float(np.sum(solid)) * grid.cell_volume
         direction = unit(required(wall.piston, "piston").direction)
         piston = PistonInFluid(pistons.index(own), own, rows, direction, displaced)
-        others = tuple((s.number, s.wall) for s in surfaces if s.wall != own)
-        (gaps,) = np.asarray(gaps_of(grid, [dataclasses.replace(piston, apart=others)], distances))
-        apart = tuple((k, wall) for k, wall in others if gaps[k] > TOUCHING * min(grid.spacing))
-        found.append(dataclasses.replace(piston, apart=apart))
+        found.append(_with_others(piston, grid, surfaces, distances))
     return tuple(found)
+
+
+def _with_others(
+    piston: PistonInFluid, grid: Grid, surfaces: Sequence[SeenSurface], distances: Sequence[Any]
+) -> PistonInFluid:
+    """A piston with what it must not meet, from the distances at the corners where the scene has the walls; see
+    `pistons_in_fluid`."""
+    others = [surface for surface in surfaces if surface.wall != piston.wall]
+    numbers = tuple((s.number, s.wall) for s in others)
+    as_apart, as_along = dataclasses.replace(piston, apart=numbers), dataclasses.replace(piston, along=numbers)
+    gaps, ahead = (np.asarray(gaps_of(grid, [one], distances))[0] for one in (as_apart, as_along))
+    along = []
+    for other in others:
+        if other.far is not None:
+            if _is_same_along(piston, grid, other, distances[other.number]):
+                along.append((other.number, other.wall))
+        elif gaps[other.number] <= TOUCHING * min(grid.spacing):
+            if ahead[other.number] < 0.0:
+                limit = f"overlaps walls.{other.wall} where the scene has both: the fluid sees both, and it is ahead"
+                remedy = "move them apart; they may touch, and it may slide along the wall as in a guide"
+                raise InputError(f"walls.{piston.wall}.piston", "...", limit, remedy)
+            along.append((other.number, other.wall))
+    return dataclasses.replace(piston, apart=tuple(k for k in numbers if k not in along), along=tuple(along))
+
+
+def _is_same_along(piston: PistonInFluid, grid: Grid, other: SeenSurface, distance: np.ndarray) -> bool:
+    """Whether a surface is at rest and the same all along the way of a piston, from its distance at the corners [m]."""
+    if other.moving is not None and other.moving.motion is not None:
+        return False
+    further = other.distance(corner_points(grid) + min(grid.spacing) * np.asarray(piston.direction))
+    return bool(np.abs(further - distance).max() < SAME * min(grid.spacing))
 
 
 def _in_its_time(seen: SeenSurface, wall: Wall, grid: Grid, times: tuple[float, float]) -> SeenSurface:

@@ -49,10 +49,16 @@ PLATE = {"kind": "mesh", "closed": True, "fluid": "free_slip"} | {
 """Little thicker than a cell, on the plane between two slabs: closed faces there have open ones on either side."""
 
 
+SILL = {"kind": "mesh", "closed": True, "fluid": "free_slip"} | {
+    "points": [[-0.1, -0.1], [0.5, -0.1], [0.5, 0.1], [0.33, 0.1], [0.33, 0.02], [-0.1, 0.02]]
+}
+"""A floor that a piston slides along, with an end 0.28 m ahead of it."""
+
+
 def piston_and_plate() -> dict[str, Any]:
     """A piston that pushes a column of water with grains in it, some of them within a kernel of a plate."""
     tables = before_column(0.5, cells=12)
-    tables["walls"] = [*tables["walls"], PLATE]
+    tables["walls"] = [*tables["walls"], PLATE, SILL]
     tables["particles"]["position"] = [[0.3, 0.1], [0.21, 0.128], [0.21, 0.072], [0.26, 0.1], [0.16, 0.11], [0.3, 0.16]]
     tables["coupling"] = tables["coupling"] | {"void_fraction": "diffusion"}
     return tables

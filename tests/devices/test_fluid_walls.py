@@ -9,6 +9,7 @@ import pytest
 import jaxdem
 from jaxdem import InputError, devices
 from jaxdem.coupling.walls_in_fluid import WallsInFluid
+from jaxdem.failures import Failure, failures
 from jaxdem.setup.builder import build_case
 from tests.cases.fluid_slabs import compared, fluid_scene
 from tests.cases.pistons_in_fluid import STEP, before_column, march
@@ -77,6 +78,16 @@ def test_flow_and_loads_are_those_of_one_device(name, number, axis, monkeypatch)
         expected = np.asarray(state.particles.pistons.velocity)
         np.testing.assert_allclose(whole.particles.pistons.velocity, expected, rtol=1e-11)
         assert np.all(expected > 0.0)
+        np.testing.assert_allclose(figures.fluid.response.gap, report.fluid.response.gap, rtol=1e-11)
+        # Beyond the plate, and a fiftieth of a cell before the end of the floor that it slides along.
+        pistons = state.particles.pistons._replace(displacement=np.asarray([0.279]), velocity=np.zeros(1))
+        met = state._replace(particles=state.particles._replace(pistons=pistons))
+        report = one(parameters, met, neighbors)[2]
+        figures = many(own, *devices.distributed(divided, own, met, neighbors))[2]
+        for structure, told in ((simulation, report), (divided, figures)):
+            _, plate, end = np.asarray(told.fluid.response.gap)[0]
+            assert plate < -0.02 and end == pytest.approx(0.001 + 0.01 * 0.4 / 12)
+            assert Failure.PISTON_MEETS in Failure(int(failures(structure, told)))
 
 
 def test_parameters_of_one_device_are_refused():
