@@ -12,6 +12,7 @@ from jax import Array
 from jaxdem.numerics import vectors
 from jaxdem.numerics.static import static
 from jaxdem.particles import walls
+from jaxdem.particles.adhesion import AT_TOUCH
 from jaxdem.particles.bond_state import Bonding
 from jaxdem.particles.capillary_bridge import CapillaryBridge
 from jaxdem.particles.cohesion import Cohesion
@@ -196,6 +197,17 @@ class ContactModel:
     def memory(self) -> int:
         """Number of components that cohesion keeps, the last ones."""
         return 0 if self.cohesion is None else self.cohesion.memory
+
+    @property
+    def attracts_over_gaps(self) -> bool:
+        """Whether cohesion acts on bodies that do not overlap."""
+        return self.cohesion is not None and not isinstance(self.cohesion, AT_TOUCH)
+
+    @property
+    def tracks_meshes(self) -> bool:
+        """Whether contacts with meshes keep their overlap, from which the balance of energy has what a contact stored
+        that is none of the next step; see `mesh_cohesion.lost_at_once`."""
+        return self.energy and self.attracts_over_gaps
 
     @property
     def wet(self) -> bool:

@@ -51,6 +51,8 @@ class FoundContacts(NamedTuple):
         there: such that it goes with the contacts, which of them are any; None where all are.
         walls: numbers of the walls, one a row of the contacts or one for all; () between particles.
         counted: which of them belong to this slab, see `counted_pairs`; None for all.
+        lost: such that it goes with the contacts, energy of contacts that have gone at once, less that of those that
+            have come so; None where there are none [J].
     """
 
     pair: ContactPair
@@ -63,6 +65,7 @@ class FoundContacts(NamedTuple):
     there: Array | None = None
     walls: tuple[int, ...] = ()
     counted: Array | None = None
+    lost: Array | None = None
 
 
 class FoundBonds(NamedTuple):

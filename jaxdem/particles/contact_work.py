@@ -105,6 +105,8 @@ def work_of_contacts(
         constants = required(found.material.cohesion, "cohesion")
         lost = energy_lost(model.cohesion, gap, constants, earlier, later)
         work = work._replace(adhesion=lost)
+    if found.lost is not None:
+        work = work._replace(adhesion=found.lost if work.adhesion is None else work.adhesion + found.lost)
     there = found.there
     return work if there is None else jax.tree.map(lambda x: jnp.where(there, x, 0.0), work)
 

@@ -6,15 +6,19 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.errors import required
+from jaxdem.numerics import vectors
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles import liquid
 from jaxdem.particles.adhesion import AT_TOUCH
 from jaxdem.particles.cohesion import CohesionConstants, Gap
 from jaxdem.particles.contact import ContactMaterial
+from jaxdem.particles.contact_load import attraction_of
 from jaxdem.particles.contact_model import ContactModel
 from jaxdem.particles.contact_pair import ContactLoad, ContactPair, row, sum_slots
 from jaxdem.particles.contact_step import ContactStep
+from jaxdem.particles.mesh_contact import MeshMemory, MeshTouch, same_contacts
 from jaxdem.particles.mesh_list import MeshList
+from jaxdem.particles.normal_energy import normal_energy
 
 
 def gap_of_laws(step: ContactStep, material: ContactMaterial, radius: Array) -> Array | None:
@@ -37,18 +41,60 @@ def gap_of_laws(step: ContactStep, material: ContactMaterial, radius: Array) -> 
     return found
 
 
-def going_on(model: ContactModel, overlap: Array, spring: Vector) -> Array:
-    """(C, M) bool, contacts that the next step goes on with: bodies touch, or cohesion remembers something.
+def going_on(model: ContactModel, touch: MeshTouch, spring: Vector) -> Array:
+    """(C, M) bool, contacts that the next step goes on with: bodies touch, or cohesion remembers something; all, where
+    the balance of energy has to tell those apart that come and go at once.
 
     Args:
         model: laws.
-        overlap: (C, M) [m].
-        spring: what the contacts keep.
+        touch: contacts of the step.
+        spring: what they keep.
     """
-    found = overlap > 0
+    if model.tracks_meshes and not model.memory:
+        return touch.found
+    found = touch.overlap > 0
     for kept in spring[len(spring) - model.memory :]:
         found = found | (kept != 0)
-    return found
+    return touch.found & found
+
+
+def lost_at_once(
+    step: ContactStep,
+    memory: MeshMemory,
+    touch: MeshTouch,
+    pair: ContactPair,
+    material: ContactMaterial,
+) -> Array:
+    """(C, M) energy along the normal of contacts of the step before that are gone, less that of contacts that have come
+    at a gap at which they attract [J].
+
+    A contact over a gap begins and ends at once where the nearest point of a face gets to its border, as over the edge
+    in a valley, and where two contacts become one. The forces on the grain jump there, and its speed does not.
+
+    Args:
+        step: laws.
+        memory: of the step before, turned with the mesh.
+        touch, pair: contacts of this step.
+        material: of the mesh.
+    """
+    model, half = step.model, 0.5 * step.time_step
+    same = same_contacts(memory, touch, pair.normal)
+
+    def stored(overlap: Array, kept: Vector) -> Array:
+        at = pair._replace(overlap=overlap)
+        attraction = required(attraction_of(step, material, at, kept), "attraction")
+        along, surface = normal_energy(model, at, material, kept, jnp.where(attraction.touching, attraction.overlap, 0))
+        return along + surface
+
+    there = vectors.dot(memory.normal, memory.normal) > 0.5
+    overlap = memory.overlap[0] - half * vectors.dot(pair.velocity, memory.normal)
+    number = len(memory.spring) - model.memory
+    lost = jnp.where(there & ~jnp.any(same, axis=0), stored(overlap, memory.spring[number:]), 0.0)
+    if model.memory:  # what remembers begins where bodies touch
+        return lost
+    known = jnp.any(memory.overlap[0] != 0, axis=0)[None]
+    comes = touch.found & ~jnp.any(same, axis=1) & known
+    return lost - jnp.where(comes, stored(pair.overlap + half * vectors.dot(pair.velocity, pair.normal), ()), 0.0)
 
 
 def with_bridges(

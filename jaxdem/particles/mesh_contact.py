@@ -33,10 +33,12 @@ class MeshMemory(NamedTuple):
     Attributes:
         normal: D arrays (C, M), direction of each contact in the box; zero where there was none.
         spring: arrays (C, M), see `ContactModel.history_size`.
+        overlap: one array (C, M), or none, see `ContactModel.tracks_meshes`; 0 where no step has been [m].
     """
 
     normal: Vector
     spring: Vector
+    overlap: Vector = ()
 
 
 class MeshTouch(NamedTuple):
@@ -55,12 +57,6 @@ class MeshTouch(NamedTuple):
     found: Array
     crowded: Array
     cell: Array | None = None
-
-
-def no_memory(rows: int, contacts: int, dimension: int, kept: int, like: Array) -> MeshMemory:
-    """Of contacts that have just begun; `like` has the type."""
-    blank = jnp.zeros((contacts, rows), like.dtype)
-    return MeshMemory((blank,) * dimension, (blank,) * kept)
 
 
 def touching(listed: MeshList, moved: Vector, radius: Array, reach: Array) -> MeshTouch:
@@ -139,7 +135,7 @@ def remembered(memory: MeshMemory, touch: MeshTouch, normal: Vector) -> Vector:
         touch: contacts now.
         normal: their directions in the frame of the box.
     """
-    taken = _taken(memory, touch, normal)
+    taken = same_contacts(memory, touch, normal)
 
     def gathered(kept: Array) -> Array:
         return jnp.sum(jnp.where(taken, kept[None], 0.0), axis=1)
@@ -150,10 +146,10 @@ def remembered(memory: MeshMemory, touch: MeshTouch, normal: Vector) -> Vector:
 
 def begins(memory: MeshMemory, touch: MeshTouch, normal: Vector) -> Array:
     """(C, M) bool, which contacts of a step go on with none of the step before; see `remembered`."""
-    return touch.found & ~jnp.any(_taken(memory, touch, normal), axis=1)
+    return touch.found & ~jnp.any(same_contacts(memory, touch, normal), axis=1)
 
 
-def _taken(memory: MeshMemory, touch: MeshTouch, normal: Vector) -> Array:
+def same_contacts(memory: MeshMemory, touch: MeshTouch, normal: Vector) -> Array:
     """(C, C', M) bool, whether a contact of a step is that of the step before."""
     limit = (2.0 * math.sin(0.5 * SPREAD)) ** 2
     before, now = lax.stop_gradient((memory.normal, normal))

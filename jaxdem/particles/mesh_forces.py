@@ -20,7 +20,7 @@ from jaxdem.particles.contact_pair import ContactLoad, ContactPair, on_bodies, r
 from jaxdem.particles.contact_step import ContactStep
 from jaxdem.particles.contact_sums import FoundContacts, Sums, WallLoads
 from jaxdem.particles.integrate import Motion
-from jaxdem.particles.mesh_cohesion import gap_of_laws, going_on, with_bridges
+from jaxdem.particles.mesh_cohesion import gap_of_laws, going_on, lost_at_once, with_bridges
 from jaxdem.particles.mesh_contact import MeshMemory, MeshTouch, begins, remembered, touching
 from jaxdem.particles.mesh_list import MeshList
 from jaxdem.particles.neighbors import Neighbors, displacement_since_build
@@ -34,21 +34,24 @@ def add_meshes(step: ContactStep, neighbors: Neighbors, sums: Sums) -> tuple[Sum
     wear: list[Array | None] = []
     for k, mesh in enumerate(step.model.meshes):
         listed, wall = neighbors.meshes[mesh.number], step.model.analytic_walls + k
-        pair, touch, springs, material = _contacts_with(step, listed, k, displacement)
+        pair, touch, before, springs, material = _contacts_with(step, listed, k, displacement)
         load = contact_load(step, material, pair, springs)
         force, torque, _ = on_bodies(load, pair)
         if sums.liquid is not None:
-            constants, before = required(material.cohesion, "cohesion"), memory[mesh.number].spring
-            load, film = with_bridges(listed, pair, load, before, sums.liquid, constants)
+            constants = required(material.cohesion, "cohesion")
+            load, film = with_bridges(listed, pair, load, before.spring, sums.liquid, constants)
             sums = sums._replace(liquid=film)
         if step.model.energy:
             found = _found(step, listed, pair, load, material, springs)._replace(walls=(wall,))
+            if step.model.tracks_meshes:
+                found = found._replace(lost=lost_at_once(step, before, touch, pair, material))
             sums = sums._replace(found=(*sums.found, found))
         force, torque = tuple(map(sum_slots, force)), tuple(map(sum_slots, torque))
         sums = sums._replace(force=listed.added(sums.force, force), torque=listed.added(sums.torque, torque))
-        wear.append(None if mesh.wear is None else _worn(step, mesh, pair, touch, memory[mesh.number], load))
-        kept = vectors.where(touch.found & going_on(step.model, pair.overlap, load.spring), pair.normal, 0.0)
-        memory[mesh.number] = MeshMemory(kept, load.spring)
+        wear.append(None if mesh.wear is None else _worn(step, mesh, pair, touch, before, load))
+        kept = vectors.where(going_on(step.model, touch, load.spring), pair.normal, 0.0)
+        overlap = (touch.overlap,) if step.model.tracks_meshes else ()
+        memory[mesh.number] = MeshMemory(kept, load.spring, overlap)
         crowded = crowded | touch.crowded
         if wall in step.model.measured:
             mass = jnp.where(jnp.any(pair.overlap > 0, axis=0), listed.radius_of_rows(step.properties.mass), 0.0)
@@ -61,8 +64,8 @@ def add_meshes(step: ContactStep, neighbors: Neighbors, sums: Sums) -> tuple[Sum
 
 def _contacts_with(
     step: ContactStep, listed: MeshList, number: int, displacement: Vector
-) -> tuple[ContactPair, MeshTouch, Vector, ContactMaterial]:
-    """The contacts with the mesh of a number, what they have kept, and their constants."""
+) -> tuple[ContactPair, MeshTouch, MeshMemory, Vector, ContactMaterial]:
+    """The contacts with the mesh of a number, what those of the step before and they have kept, and their constants."""
     placements, surfaces = step.surroundings.placements, len(step.model.surfaces)
     placed = placements[surfaces + number] if placements else None
     moved = listed.of_rows(displacement)
@@ -72,8 +75,10 @@ def _contacts_with(
     material, index = step.surroundings.wall, step.model.materials
     if index is not None:
         material = index.with_wall(material, step.model.analytic_walls + number, listed.row, step.properties.identity)
+    if placed is not None:
+        memory = _turned_memory(step, memory, placed)
     pair, touch, springs = mesh_contacts(step, listed, moved, memory, placed, material)
-    return pair, touch, springs, material
+    return pair, touch, memory, springs, material
 
 
 def mesh_pair(
@@ -82,7 +87,7 @@ def mesh_pair(
     """The contacts with the mesh of a number as they are, their constants, what they keep, and which are any."""
     displacement = displacement_since_build(step.motion.position, step.motion.low, neighbors)
     listed = neighbors.meshes[step.model.meshes[number].number]
-    pair, _, springs, material = _contacts_with(step, listed, number, displacement)
+    pair, _, _, springs, material = _contacts_with(step, listed, number, displacement)
     return pair, material, springs, _there(step, listed)
 
 
@@ -120,7 +125,10 @@ def mesh_contacts(
     placed: Placement | None,
     material: ContactMaterial,
 ) -> tuple[ContactPair, MeshTouch, Vector]:
-    """The contacts (C, M) with a mesh, a body of infinite radius and mass, and what they have kept."""
+    """The contacts (C, M) with a mesh, a body of infinite radius and mass, and what they have kept.
+
+    `memory` is what those of the step before have kept, turned with the mesh.
+    """
     motion = step.motion
     radius, mass = listed.radius_of_rows(step.properties.radius), listed.radius_of_rows(step.properties.mass)
     expected, velocity = listed.of_rows(step.mid_velocity), listed.of_rows(motion.velocity)
@@ -149,7 +157,6 @@ def mesh_contacts(
         arm = 0.5 * jnp.maximum(touch.overlap, 0.0) - radius
         wall = placed.velocity_at(vectors.add_scaled(rows(position), arm, normal))
         expected, velocity = vectors.subtract(expected, wall), vectors.subtract(velocity, wall)
-        memory = _turned_memory(step, memory, placed)
         if placed.angular_velocity is not None:
             wall_spin = tuple(placed.angular_velocity)
     pair = ContactPair(
@@ -169,7 +176,7 @@ def _worn(
     turning = tangent.surface_velocity(vectors.scale(pair.radius - 0.5 * pair.overlap, pair.spin), pair.normal)
     slip = vectors.length(vectors.subtract(tangent.part_in_plane(pair.velocity, pair.normal), turning))
     new = begins(memory, touch, pair.normal)
-    if step.model.memory:  # a contact may go on without touch
+    if step.model.attracts_over_gaps:  # a contact may go on without touch
         new = new | (pair.overlap < -step.time_step * vectors.dot(pair.velocity, pair.normal))
     new = new & touches
     contact = WearContact(touches, new, load.along, slip, pair.velocity, pair.normal, pair.effective_mass)
@@ -183,7 +190,7 @@ def _turned_memory(step: ContactStep, memory: MeshMemory, placed: Placement) -> 
     spin = tuple(placed.angular_velocity)
     angle = vectors.scale(step.time_step, spin)
     normal = tangent.turned_by(memory.normal, angle)
-    return MeshMemory(normal, step.turned_with_walls(memory.spring, spin))
+    return MeshMemory(normal, step.turned_with_walls(memory.spring, spin), memory.overlap)
 
 
 def _mesh_loads(

@@ -14,15 +14,16 @@ from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.bond_geometry import bond_geometry
 from jaxdem.particles.clumps import spin_energy
 from jaxdem.particles.cohesion import TOUCHING
-from jaxdem.particles.cohesion_energy import cohesion_energy, has_energy
+from jaxdem.particles.cohesion_energy import has_energy
 from jaxdem.particles.contact import ContactMaterial, StoringLaw
-from jaxdem.particles.contact_load import attraction_of, gap_of
+from jaxdem.particles.contact_load import attraction_of
 from jaxdem.particles.contact_model import ContactModel
 from jaxdem.particles.contact_pair import ContactPair, sum_slots
 from jaxdem.particles.contact_step import ContactStep
 from jaxdem.particles.integrate import Motion, ParticleProperties, ParticleState
 from jaxdem.particles.mesh_forces import mesh_pair, onto_particles
 from jaxdem.particles.neighbors import Neighbors
+from jaxdem.particles.normal_energy import normal_energy
 from jaxdem.particles.pair_forces import counted_pairs, pair_contacts, pair_material
 from jaxdem.particles.pairs import sum_over_pairs
 from jaxdem.particles.wall_forces import wall_contacts, wall_material
@@ -183,11 +184,7 @@ def _of_springs(step: ContactStep, contacts: _Contacts) -> tuple[Array, Array, A
     touching = pair.overlap > 0 if attraction is None else attraction.touching
     overlap = jnp.where(touching, pair.overlap if attraction is None else attraction.overlap, 0.0)
     radius = pair.effective_radius
-    normal, surface = law.energy(overlap, radius, material), jnp.zeros_like(overlap)
-    if model.cohesion is not None:
-        constants = required(material.cohesion, "cohesion")
-        beside = cohesion_energy(model.cohesion, gap_of(pair, material), constants, memory)
-        normal, surface = normal + beside.elastic, beside.surface
+    normal, surface = normal_energy(model, pair, material, memory, overlap)
     across = kept[:in_plane]
     tangential = 0.5 * law.tangential_stiffness(overlap, radius, material) * vectors.dot(across, across)
     rolling = jnp.zeros_like(overlap)

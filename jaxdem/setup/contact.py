@@ -55,7 +55,7 @@ COHESIONS: dict[str, Callable[[], Cohesion]] = {
     "sjkr": SimplifiedJKR,
 }
 
-AT_MESHES = {"dmt": DerjaguinMullerToporov, "sjkr": SimplifiedJKR, "jkr": JohnsonKendallRoberts}
+AT_MESHES = ("dmt", "sjkr", "jkr", "van_der_waals")
 """Kinds of cohesion that walls of kind mesh have too."""
 
 

@@ -202,7 +202,8 @@ def with_mesh_memory(particles: ParticleState, contact: ContactInterval, room: R
     def blank(of_mesh: MeshRoom, size: int) -> tuple[Array, ...]:
         return (_full((of_mesh.contacts, of_mesh.rows), 0.0, dtype),) * size
 
-    memory = tuple(MeshMemory(blank(of_mesh, dimension), blank(of_mesh, kept)) for of_mesh in room.meshes)
+    sizes = dimension, kept, 1 if contact.model.tracks_meshes else 0
+    memory = tuple(MeshMemory(*(blank(of_mesh, size) for size in sizes)) for of_mesh in room.meshes)
     return particles._replace(mesh_memory=memory)
 
 

@@ -88,5 +88,9 @@ def _moved(
             found.append(on_device(values, values.dtype))
         return tuple(found)
 
-    names = [f"state.particles.mesh_memory[{number}].normal[{k}]" for k in range(len(blank.normal))]
-    return MeshMemory(carried(blank.normal, [arrays[name] for name in names]), carried(blank.spring, springs))
+    def stored(name: str, parts: Vector) -> list[np.ndarray]:
+        names = [f"state.particles.mesh_memory[{number}].{name}[{k}]" for k in range(len(parts))]
+        return [arrays[name] for name in names if name in arrays]
+
+    before = stored("normal", blank.normal), springs, stored("overlap", blank.overlap)
+    return MeshMemory(*(carried(parts, own) for parts, own in zip(blank, before, strict=True)))

@@ -258,8 +258,8 @@ def test_a_mesh_pulls_as_a_plane(kind, tmp_path):
     bare = flight(grains_scene([walls[0]], place, velocity, contact=contact), 16).position
     assert np.abs(mesh - plane).max() < 1e-12
     assert np.abs(bare - plane).max() > 1e-5
-    refused = contact | {"cohesion": KINDS["van_der_waals"]}
-    with pytest.raises(InputError, match="'van_der_waals': does not act on walls that are meshes; dmt, sjkr, jkr do"):
+    refused = contact | {"cohesion": KINDS["capillary"]}
+    with pytest.raises(InputError, match="'capillary': does not act on walls that are meshes; dmt, sjkr, jkr, van_d"):
         jaxdem.build(jaxdem.load_scene(grains_scene([walls[1]], place, contact=refused)))
     # A kind of the user's own may reach over a gap whatever the kind of the table.
     scene = jaxdem.load_scene(grains_scene([walls[1]], place, contact=contact | {"cohesion": cohesion}))

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import trimesh
 
 from tests.cases.energy import BOX, RADIUS, balance_of, with_tables
-from tests.cases.surfaces import plane_mesh, saved
+from tests.cases.surfaces import flight, grains_scene, plane_mesh, saved
 from tests.cases.tiers import tiered
 
 KINDS = {
     "jkr": {"cohesion": {"kind": "jkr", "work_of_adhesion": 0.05}},
-}
+    "van_der_waals": {"cohesion": {"kind": "van_der_waals", "hamaker_constant": 1e-9, "minimum_gap": 2e-5,
+                                   "cutoff": 4e-4}},
+}  # fmt: skip
 HEIGHT = 0.005
 
 IN_SPACE = with_tables(
@@ -61,9 +64,10 @@ MOTION = {
         {"kind": "rotation", "axis": [0.6, 0.8, 0.2], "center": [0.01, 0.01, HEIGHT], "rate": 0.3}],
 }  # fmt: skip
 CASES = [(kind, *rest) for kind in KINDS for rest in ((2, 40, True), (3, 2, False), (3, 800, True))]
+FIRST = [("jkr", 3, 800, True), ("van_der_waals", 2, 40, True)]
 
 
-@pytest.mark.parametrize(("kind", "dimension", "cells", "moves"), tiered(CASES, first=[("jkr", 3, 800, True)]))
+@pytest.mark.parametrize(("kind", "dimension", "cells", "moves"), tiered(CASES, first=FIRST))
 def test_a_mesh_is_a_plane(kind, dimension, cells, moves, tmp_path):
     """Motion, what contacts keep, what is stored and what is taken, part by part; the balance closes."""
     tables = with_tables(IN_SPACE if dimension == 3 else IN_PLANE, contact=KINDS[kind])
@@ -92,9 +96,12 @@ HILLS = {
 """Two concave edges and a convex one between them, that shake."""
 
 
-@pytest.mark.parametrize("kind", tiered(KINDS, first=["jkr"]))
+@pytest.mark.parametrize("kind", tiered(KINDS, first=["van_der_waals"]))
 def test_the_energy_of_grains_that_go_over_edges(kind):
-    """One that goes over a valley up to the top, and one that goes into another valley and out of it."""
+    """One that goes over a valley up to the top, and one that goes into another valley and out of it.
+
+    An attraction to the side of a valley that a grain leaves ends with it, at a gap at which it still acts.
+    """
     grains = {
         "position": [[0.003, 0.004 + 1.001 * RADIUS], [0.0105, 0.004 + 1.05 * RADIUS]],
         "velocity": [[0.6, 0.0], [-0.4, -0.01]], "angular_velocity": [[-400.0], [100.0]],
@@ -103,4 +110,32 @@ def test_the_energy_of_grains_that_go_over_edges(kind):
     turned_over = found["gained"] / found["gained_relative"]
     assert abs(found["gained_relative"]) < 1e-6 and abs(found["missing"]) < 1e-11 * turned_over
     assert abs(found["work"]["walls"]) > 1e-4 * turned_over
-    assert float(found["state"].particles.position[0, 0]) > 0.0065
+    if "cohesion" in KINDS[kind]:
+        assert abs(found["dissipated"]["adhesion"]) > 1e-4 * turned_over
+    particles = found["state"].particles
+    assert float(particles.position[0, 0]) > 0.0064
+
+
+def test_van_der_waals_round_a_cube(tmp_path):
+    """A R/(6 h^2) towards the nearest point of a face, an edge or a corner, at gaps h up to the cutoff."""
+    size, hamaker, cutoff, step = 0.02, 1e-9, 5e-3, 1e-7
+    on = np.array([[i, j, k] for i in (-1, 0, 1) for j in (-1, 0, 1) for k in (-1, 0, 1) if (i, j, k) != (0, 0, 0)])
+    random = np.random.default_rng(0)
+    direction = on * random.uniform(0.3, 1.0, on.shape)
+    direction /= np.linalg.norm(direction, axis=1)[:, None]
+    gap = np.geomspace(2e-5, 1.2 * cutoff, len(on))
+    random.shuffle(gap)
+    flat = np.abs(on) == 0  # anywhere along a face or an edge
+    nearest = 0.5 + 0.15 * np.where(flat, random.uniform(-0.3, 0.3, on.shape), on)
+    wall = {"kind": "mesh", "file": saved(trimesh.creation.box(), tmp_path / "cube.ply"), "scale": 0.3,
+            "translate": [0.5, 0.5, 0.5], "touch": "front", "closed": True}  # fmt: skip
+    cohesion = {"kind": "van_der_waals", "hamaker_constant": hamaker, "minimum_gap": 1e-5, "cutoff": cutoff}
+    tables = grains_scene(
+        [wall], nearest + (size + gap)[:, None] * direction, contact={"cohesion": cohesion, "time_step": step},
+        domain={"gravity": [0.0, 0.0, 0.0]}, time={"end": step, "output_interval": step},
+    )  # fmt: skip
+    expected = np.where(gap < cutoff, hamaker * size / (6.0 * gap**2), 0.0)
+    assert np.sum(expected == 0.0) in range(1, 5)
+    found = flight(tables, 1).force[0]
+    least = expected[expected > 0.0].min()
+    np.testing.assert_allclose(found, -expected[:, None] * direction, rtol=1e-9, atol=1e-9 * least)
