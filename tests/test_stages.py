@@ -11,7 +11,8 @@ import pytest
 import tomli_w
 from typer.testing import CliRunner
 
-from jaxdem import InputError, load_run, load_scene, simulate
+from jaxdem import InputError, build, external_fluid, initial_state, load_run, load_scene, simulate
+from jaxdem.check.check import check_scene
 from jaxdem.cli.main import app
 from jaxdem.closures import KochHill, Stokes, SubgridClosure
 from jaxdem.io import read_checkpoint
@@ -94,13 +95,25 @@ def test_each_stage_begins_where_the_one_before_ended(chain):
     assert "active" not in tilt.particles(0) and not thin.particles(0)["active"].all()
 
 
-def test_python_gets_the_last_run_and_builds_the_first_stage(chain):
+def test_python_gets_the_last_run(chain):
     scene = load_scene(STAGED)
     assert isinstance(scene, StagedScene) and scene.time.end == 0.03
     again = simulate(scene, chain, resume=True)
     assert again.path == chain / "thin"
     with pytest.raises(InputError, match=r"is not empty.*--resume"):
         simulate(scene, chain)
+
+
+def test_what_takes_one_scene_refuses_several():
+    """The first one was taken in silence."""
+    scene = load_scene(STAGED)
+    first = scene.stages[0].scene
+    built = build(first)
+    for act in (build, external_fluid, check_scene, lambda scene: initial_state(scene, *built)):
+        with pytest.raises(InputError, match="fill, tilt, thin") as caught:
+            act(scene)
+        assert caught.value.key == "stages" and "scene.stages[0].scene" in caught.value.remedy
+    assert initial_state(first, *built)[0].particles.position.shape == (12, 2)
 
 
 class Killed(BaseException):

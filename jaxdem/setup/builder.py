@@ -29,7 +29,7 @@ from jaxdem.setup.coupling import check_own_forces, fluid_coupling
 from jaxdem.setup.extensions import Extensions, has_models
 from jaxdem.setup.fluid import fluid_interval, fluid_setup
 from jaxdem.setup.fluid_walls import FluidWalls, fluid_walls
-from jaxdem.setup.given import parts_given, require_built, require_read, require_scene
+from jaxdem.setup.given import parts_given, require_built, require_one_stage, require_read
 from jaxdem.setup.magnitudes import check_magnitudes, check_memory
 from jaxdem.setup.merge import merged
 from jaxdem.setup.parameters import scene_parameters
@@ -180,7 +180,7 @@ def initial_state(scene: Scene, simulation: Simulation, parameters: Parameters) 
         InputError: particles overlap each other or a wall, lie outside the box, do not fit into their pack, or do not
             come to rest; or an argument is of another kind.
     """
-    require_scene(scene)
+    require_one_stage(scene)
     require_built(simulation, parameters)
     start = read_start(scene)
     if isinstance(simulation, DividedSimulation):
@@ -201,7 +201,7 @@ def build_case(
         scene, closure, extensions: see `build`.
         start: state that it begins from, of a scene with `[start]`; read from the run that it names if not given.
     """
-    require_scene(scene)
+    require_one_stage(scene)
     extensions = parts_given(closure, extensions)
     start = read_start(scene) if start is None else start
     dtype = _dtype(scene)

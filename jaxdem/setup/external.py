@@ -13,7 +13,7 @@ from jaxdem.fluid.external import ExternalInterval
 from jaxdem.scene import Scene
 from jaxdem.setup.builder import build_case
 from jaxdem.setup.extensions import Extensions
-from jaxdem.setup.given import require_scene
+from jaxdem.setup.given import require_one_stage
 from jaxdem.state import Parameters
 
 
@@ -40,7 +40,7 @@ def external_fluid(
     Raises:
         InputError: the scene lacks particles or a fluid, or asks for what needs the fluid of jaxdem.
     """
-    require_scene(scene)
+    require_one_stage(scene)
     for name, value, known in (
         ("placement", placement, ("cells", "faces")),
         ("pressure", pressure, ("reduced", "total")),

@@ -12,6 +12,7 @@ from typing import cast
 from jaxdem.coupling.forces.protocol import FluidForce
 from jaxdem.errors import InputError
 from jaxdem.scene import Scene
+from jaxdem.scene.stages import StagedScene
 from jaxdem.setup.extensions import Extensions
 from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters
@@ -105,6 +106,20 @@ def require_scene(scene: object) -> None:
     if not isinstance(scene, Scene):
         shown = scene if isinstance(scene, str) else type(scene).__name__
         raise InputError("scene", shown, "is no scene", "give what jaxdem.load_scene makes of a file or of its tables")
+
+
+def require_one_stage(scene: object) -> None:
+    """Refuses what is no scene, and a scene with stages where only one of them can be meant.
+
+    Raises:
+        InputError: it is none, or has stages.
+    """
+    require_scene(scene)
+    if isinstance(scene, StagedScene):
+        names = ", ".join(stage.name for stage in scene.stages)
+        limit = "this is of one scene, and there are several: the first one would be taken for all"
+        remedy = "give one of them, such as scene.stages[0].scene; jaxdem.simulate runs all"
+        raise InputError("stages", names, limit, remedy)
 
 
 def require_built(simulation: object, parameters: object) -> None:
