@@ -66,7 +66,7 @@ def _elsewhere(path: Path) -> str:
     from jaxdem.scene.hints import tables_with
 
     found = tables_with(str(path[-1]))
-    return f"there is one of this name in {', '.join(found)}" if found else ""
+    return f"remove it here: there is one of this name in {', '.join(found)}" if found else ""
 
 
 def _own(problem: ErrorDetails) -> dict[str, str]:

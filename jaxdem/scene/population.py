@@ -88,17 +88,24 @@ def _velocity(key: str, inlet: ParticleInlet, box: Box) -> tuple[float, ...]:
 
 def check_exits(boundary: Mapping[str, BoundarySide], with_particles: bool, with_fluid: bool) -> None:
     """Refuses to remove particles where that is not built or means nothing."""
+    stays = 'set it to "screen"'
     for name, side in boundary.items():
-        reason = None
+        reason, remedy = None, stays
         if side.particles == "screen":
             continue
         if not with_particles:
-            reason = "needs [particles]"
+            reason, remedy = "needs [particles]", f"{stays}, or add [particles]"
         elif side.kind == "periodic":
             reason = "particles cannot leave through a periodic side"
+            remedy = f"{stays}, or give both sides of this axis another kind"
         elif with_fluid and side.kind != "outlet":
             reason = f"with a fluid, particles can leave only through an outlet, and this side is {side.kind}"
+            remedy = (
+                f'{stays}, or make the side an outlet (kind = "outlet"), out of which the fluid flows too; in a later '
+                f"stage start.remove takes particles out of a region"
+            )
         elif side.from_ is not None:
             reason = "particles can leave only through a whole side, and this outlet is a patch"
+            remedy = f"{stays}, or remove from and to, so that the outlet is the whole side"
         if reason is not None:
-            raise InputError(f"boundary.{name}.particles", side.particles, reason, 'set it to "screen"')
+            raise InputError(f"boundary.{name}.particles", side.particles, reason, remedy)

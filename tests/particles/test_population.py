@@ -367,18 +367,18 @@ def test_mistakes_of_inlets_are_named(changes, key, words):
 
 
 @pytest.mark.parametrize(
-    ("tables", "words"),
+    ("tables", "words", "remedy"),
     [
-        ({"right": {"kind": "no_slip", "particles": "remove"}}, "only through an outlet"),
-        ({"right": {"kind": "outlet", "particles": "remove", "from": 0.0, "to": 0.1}}, "whole side"),
-        ({"right": {"kind": "outlet", "particles": "delete"}}, "screen"),
+        ({"right": {"kind": "no_slip", "particles": "remove"}}, "only through an outlet", 'kind = "outlet"'),
+        ({"right": {"kind": "outlet", "particles": "remove", "from": 0.0, "to": 0.1}}, "whole side", "from and to"),
+        ({"right": {"kind": "outlet", "particles": "delete"}}, "screen", ""),
     ],
 )
-def test_mistakes_of_exits_are_named(tables, words):
+def test_mistakes_of_exits_are_named(tables, words, remedy):
     with pytest.raises(InputError) as caught:
         jaxdem.load_scene({**STREAM, "boundary": tables})
     assert caught.value.key == "boundary.right.particles"
-    assert words in str(caught.value)
+    assert words in str(caught.value) and remedy in caught.value.remedy
 
 
 def test_basset_force_is_refused_where_particles_come_and_leave():
