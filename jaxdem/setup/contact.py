@@ -55,9 +55,6 @@ COHESIONS: dict[str, Callable[[], Cohesion]] = {
     "sjkr": SimplifiedJKR,
 }
 
-AT_MESHES = ("dmt", "sjkr", "jkr", "van_der_waals")
-"""Kinds of cohesion that walls of kind mesh have too."""
-
 
 def contact_interval(
     particles: ParticleSetup,
@@ -86,7 +83,7 @@ def contact_interval(
     motions, pistons = surface_motions(scene, len(functions), len(sides))
     cohesion, film = _cohesion(particles, extensions), particles.contact.lubrication
     if particles.meshes:
-        _check_gaps_at_meshes(particles, cohesion, extensions)
+        _check_gaps_at_meshes(particles, extensions)
     rubs = scene.heat is not None and scene.heat.friction
     model = ContactModel(
         law=extensions.get("contact_law") or CONTACT_LAWS[particles.contact.law](),
@@ -130,16 +127,13 @@ def _materials(particles: ParticleSetup, sides: int, surfaces: int) -> MaterialI
     return MaterialIndex.of(particles.contact_material, walls, table.pair)
 
 
-def _check_gaps_at_meshes(particles: ParticleSetup, cohesion: Cohesion | None, extensions: Extensions) -> None:
+def _check_gaps_at_meshes(particles: ParticleSetup, extensions: Extensions) -> None:
     """Refuses what does not act on walls that are meshes.
 
     Raises:
-        InputError: it does not; or it comes from the user, and the kind of the table may not reach as far.
+        InputError: lubrication, or a cohesion of the user's that reaches farther than the kind of the table.
     """
     kind, own = particles.contact.cohesion_kind, extensions.get("cohesion")
-    if cohesion is not None and kind not in AT_MESHES:
-        limit = f"does not act on walls that are meshes; {', '.join(AT_MESHES)} do"
-        raise InputError("contact.cohesion.kind", kind, limit, f"take {' or '.join(AT_MESHES)}, or planes as walls")
     if own is not None and not isinstance(own, AT_TOUCH) and isinstance(COHESIONS[str(kind)](), AT_TOUCH):
         limit = f"may act over a gap, and lists of walls that are meshes reach as far as the kind of the table, {kind}"
         raise InputError("cohesion", type(own).__name__, limit, "name a kind there that acts over as long a gap")

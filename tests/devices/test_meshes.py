@@ -3,22 +3,28 @@ space, and in a gradient, they are beside clumps: test_clumps.py."""
 
 import jax
 import numpy as np
+import pytest
 
 import jaxdem
 from jaxdem import devices
 from jaxdem.devices.contacts import contacts_of_list
 from jaxdem.failures import Failure, failures
 from jaxdem.particles.energy import EnergyFlow
-from jaxdem.run.placement import Slabs
+from jaxdem.run.instant import Instant
+from jaxdem.run.parts.liquid import Liquid
+from jaxdem.run.placement import OneDevice, Slabs
+from jaxdem.run.totals import Totals
 from jaxdem.setup.builder import build_case
 from tests.cases.slabs import apart
 from tests.devices.test_particles import PARTS, scene_of
 
 ARCHARD = {"model": "archard", "coefficient": 1e-3, "hardness": 1e9}
+BRIDGES = {"kind": "capillary", "surface_tension": 0.07, "liquid_content": 0.02, "liquid_viscosity": 1e-3,
+           "minimum_gap": 1e-5}  # fmt: skip
 
 
 def bowl():
-    """Grains that fly to the right over the edges of a floor that shakes, under a lid on which all of them press,
+    """Wet grains that fly to the right over the edges of a floor that shakes, under a lid on which all of them press,
     against a plane that shakes."""
     floor = {
         "kind": "mesh", "points": [[-0.05, 0.03], [0.05, 0.004], [0.1, 0.02], [0.15, 0.004], [0.25, 0.03]],
@@ -37,7 +43,9 @@ def bowl():
     particles["position"] = (np.asarray(particles["position"]) * [1.0, 0.9] + [0.0, 0.021]).tolist()
     particles["velocity"] = (np.asarray(particles["velocity"]) + [0.8, 0.0]).tolist()
     size = {"size": [0.2, 0.13], "depth": 0.02}
-    return scene_of(domain=size, walls=[floor, lid, end], particles=particles, output={"energy": True})
+    contact = scene_of().tables()["contact"] | {"cohesion": BRIDGES}
+    walls = [floor, lid, end]
+    return scene_of(domain=size, walls=walls, particles=particles, contact=contact, output={"energy": True})
 
 
 def stepped(simulation, parameters, state, neighbors, count, flows=None):
@@ -78,7 +86,7 @@ def test_grains_on_meshes_that_move(intervals=14):
     assert apart(*flows) < 1e-10
     assert np.sum(flows[0], axis=0)[EnergyFlow._fields.index("walls")] != 0.0
     whole, kept = devices.gathered(divided, slabs, lists)
-    for name in (*PARTS, "pistons", "mesh_wear"):
+    for name in (*PARTS, "pistons", "mesh_wear", "liquid"):
         pairs = (jax.tree.leaves(getattr(s.particles, name)) for s in (state, whole))
         for x, y in zip(*pairs, strict=True):
             assert apart(x, y) < 1e-10, name
@@ -87,6 +95,13 @@ def test_grains_on_meshes_that_move(intervals=14):
     back, listed = devices.on_one_device(divided, parameters, whole, kept)
     again = contacts_of_list(back.particles.contact_spring, jax.device_get(listed), back.particles.mesh_memory)
     require_same_memory(own, again)
+
+    told = []
+    for placement, given in ((OneDevice(case), (state, neighbors)), (Slabs(case, divided), (slabs, lists))):
+        instant = placement.whole(Instant(0.0, *given, None))
+        told.append(Liquid().summary(case, instant, Totals())["liquid"])
+    assert told[0]["bridges_to_walls"] > 0.0 and abs(told[1]["missing_relative"]) < 1e-12
+    assert told[0] == pytest.approx(told[1], rel=1e-9, abs=1e-12)
 
     # A checkpoint gives back the same bits.
     place = Slabs(case, divided)

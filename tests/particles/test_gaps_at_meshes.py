@@ -14,6 +14,8 @@ KINDS = {
     "jkr": {"cohesion": {"kind": "jkr", "work_of_adhesion": 0.05}},
     "van_der_waals": {"cohesion": {"kind": "van_der_waals", "hamaker_constant": 1e-9, "minimum_gap": 2e-5,
                                    "cutoff": 4e-4}},
+    "capillary": {"cohesion": {"kind": "capillary", "surface_tension": 0.07, "liquid_content": 0.01,
+                               "liquid_viscosity": 1e-3, "minimum_gap": 1e-5}},
 }  # fmt: skip
 HEIGHT = 0.005
 
@@ -114,6 +116,10 @@ def test_the_energy_of_grains_that_go_over_edges(kind):
         assert abs(found["dissipated"]["adhesion"]) > 1e-4 * turned_over
     particles = found["state"].particles
     assert float(particles.position[0, 0]) > 0.0064
+    if kind == "capillary":
+        bridges = sum(float(np.sum(x[-1])) for x in (particles.mesh_memory[0].spring, particles.wall_spring))
+        start = 2.0 * 0.01 * 4.0 / 3.0 * np.pi * RADIUS**3
+        assert 0.0 < bridges == pytest.approx(start - float(np.sum(particles.liquid)), rel=1e-12)
 
 
 def test_van_der_waals_round_a_cube(tmp_path):

@@ -23,17 +23,20 @@ class Liquid(Part):
         if particles is None or particles.liquid is None or scene.contact is None or scene.contact.cohesion is None:
             return {}
         between_particles: Any = particles.contact_spring[-1:]
+        meshes = particles.mesh_memory
         if instant.slabs is not None:  # what contacts keep stays in the slabs; a bridge across a border counts once
             slabs = instant.slabs
             contacts = gathered(slabs.simulation, slabs.state, slabs.neighbors)[1]
-            between_particles = required(contacts, "contacts of the slabs").values[-1:]
-        held = between_particles, particles.wall_spring[-1:]
+            found = required(contacts, "contacts of the slabs")
+            between_particles, meshes = found.values[-1:], found.meshes
+        at_walls = [*particles.wall_spring[-1:], *(memory.spring[-1] for memory in meshes)]
+        held = [np.asarray(volumes) for volumes in between_particles], [np.asarray(volumes) for volumes in at_walls]
         films = float(np.sum(np.asarray(particles.liquid), dtype=np.float64))
-        between, walls = (float(np.sum(np.asarray(volumes), dtype=np.float64)) for volumes in held)
+        between, walls = (sum(float(np.sum(x, dtype=np.float64)) for x in volumes) for volumes in held)
         radius = np.broadcast_to(np.asarray(case.bodies.radius, float), particles.liquid.shape)
         start = (scene.contact.cohesion.liquid_content or 0.0) * float(np.sum(4.0 / 3.0 * np.pi * radius**3))
         missing = start - films - between - walls
-        bridges = sum(int(np.count_nonzero(np.asarray(volumes))) for volumes in held)
+        bridges = sum(int(np.count_nonzero(x)) for volumes in held for x in volumes)
         return {
             "liquid": {
                 "start": start,
