@@ -83,7 +83,7 @@ def contact_interval(
     motions, pistons = surface_motions(scene, len(functions), len(sides))
     cohesion, film = _cohesion(particles, extensions), particles.contact.lubrication
     if particles.meshes:
-        _check_gaps_at_meshes(particles, extensions)
+        _check_own_cohesion(particles, extensions)
     rubs = scene.heat is not None and scene.heat.friction
     model = ContactModel(
         law=extensions.get("contact_law") or CONTACT_LAWS[particles.contact.law](),
@@ -127,19 +127,17 @@ def _materials(particles: ParticleSetup, sides: int, surfaces: int) -> MaterialI
     return MaterialIndex.of(particles.contact_material, walls, table.pair)
 
 
-def _check_gaps_at_meshes(particles: ParticleSetup, extensions: Extensions) -> None:
-    """Refuses what does not act on walls that are meshes.
+def _check_own_cohesion(particles: ParticleSetup, extensions: Extensions) -> None:
+    """Refuses, in a scene with walls that are meshes, a cohesion of the user's that may act over a gap where the kind
+    of the table does not.
 
     Raises:
-        InputError: lubrication, or a cohesion of the user's that reaches farther than the kind of the table.
+        InputError: it may.
     """
     kind, own = particles.contact.cohesion_kind, extensions.get("cohesion")
     if own is not None and not isinstance(own, AT_TOUCH) and isinstance(COHESIONS[str(kind)](), AT_TOUCH):
         limit = f"may act over a gap, and lists of walls that are meshes reach as far as the kind of the table, {kind}"
         raise InputError("cohesion", type(own).__name__, limit, "name a kind there that acts over as long a gap")
-    if particles.contact.lubrication is not None:
-        limit = "does not act on walls that are meshes"
-        raise InputError("contact.lubrication", "...", limit, "take planes as walls")
 
 
 def neighbor_geometry(particles: ParticleSetup) -> NeighborGeometry:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.cases.clumps import BENT
-from tests.cases.energy import BOX, MASS, RADIUS, SHAKE, balance_of, figures_of, in_space, tilted, with_tables
+from tests.cases.energy import BOX, MASS, OPTIONS, RADIUS, SHAKE, balance_of, figures_of, in_space, tilted, with_tables
 from tests.cases.registry import Figure, at_least, below, case
 
 PLANE_ROD = {"name": "rod", "centres": [[-1.0, 0.0], [0.0, 0.0], [1.0, 0.0]], "radii": [1.0, 1.0, 1.0]}
@@ -85,6 +85,8 @@ BODIES: dict[str, dict[str, Any]] = {
         BEAM, walls=[tilted(motion=SHAKE), FLOOR | {"motion": SHAKE}]
     ),
     "spheres on a mesh in space": in_space(with_tables(BOX, walls=[VALLEY])),
+    "rods on a mesh, JKR": with_tables(RODS, walls=[MESH], **OPTIONS["JKR"]),
+    "liquid bridges to a mesh in space": in_space(with_tables(BOX, walls=[VALLEY], **OPTIONS["liquid bridges"])),
     "rods and a plane that comes and goes": with_tables(
         RODS, walls=[FLOOR | {"begin": 1e-3, "end": 6e-3}], coupling={"interval": 1e-3}
     ),

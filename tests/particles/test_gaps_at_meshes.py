@@ -16,6 +16,7 @@ KINDS = {
                                    "cutoff": 4e-4}},
     "capillary": {"cohesion": {"kind": "capillary", "surface_tension": 0.07, "liquid_content": 0.01,
                                "liquid_viscosity": 1e-3, "minimum_gap": 1e-5}},
+    "lubrication": {"lubrication": {"cutoff": 2e-4, "roughness": 2e-6, "viscosity": 2e-3}},
 }  # fmt: skip
 HEIGHT = 0.005
 

@@ -1,7 +1,8 @@
 """Lubrication in scenes: what is refused, the fluid's viscosity, space and walls, gradients, limits.
 
 Forces, impacts and friction against closed forms are cases, `tests/cases/lubrication.py`, which
-tests/physics/test_contact_cases.py runs. That a run with a liquid is resumed bit for bit is in `test_energy.py`.
+tests/physics/test_contact_cases.py runs. That a run with a liquid is resumed bit for bit is in `test_energy.py`, that
+meshes act as planes in `test_gaps_at_meshes.py`.
 """
 
 from __future__ import annotations
@@ -19,7 +20,6 @@ from jaxdem.errors import InputError
 from jaxdem.particles.loop import contact_interval
 from jaxdem.particles.materials import surroundings
 from tests.cases.energy import BOX, DENSITY, MASS, RADIUS, balance_of, in_space, tilted, with_tables
-from tests.cases.surfaces import plane_mesh, saved
 
 FILM = {"cutoff": 2e-4, "roughness": 2e-6, "viscosity": 2e-3}
 WET = FILM | {"wet_friction": 0.05, "sommerfeld_number": 1e-3}
@@ -54,14 +54,6 @@ def test_what_cannot_work_is_refused(name):
     with pytest.raises(InputError, match=words) as found:
         jaxdem.build(jaxdem.load_scene(tables))
     assert found.value.key == key
-
-
-def test_a_mesh_is_refused_by_name(tmp_path):
-    wall = {"kind": "mesh", "file": saved(plane_mesh(2, 0.0, 0.02, height=0.01), tmp_path / "plane.stl")}
-    tables = with_tables(in_space(GRAINS), walls=[wall])
-    with pytest.raises(InputError, match="meshes") as found:
-        jaxdem.build(jaxdem.load_scene(tables))
-    assert found.value.key == "contact.lubrication"
 
 
 def test_limits_reach_and_check():
