@@ -329,6 +329,12 @@ HELD = {
 }
 """Cohesion by which two particles rest at about the overlap of `DEPTH`, without another force."""
 
+HELD_OF_SIZES = {
+    "jkr": HELD["jkr"] | {"work_of_adhesion": 1.8e-6},
+    "capillary": HELD["capillary"] | {"surface_tension": 3e-8, "liquid_content": 2e-4, "bridge_share": 0.02},
+}
+"""The same for the smallest radius of a size ratio of 10; bridges there reach less than half of that radius."""
+
 
 # --- bonds ------------------------------------------------------------------------------------------------
 
@@ -648,6 +654,9 @@ def limits() -> dict[str, Callable[[], Limit]]:
             ("pair", "e = 0, mu = 10"),
         ):
             contact(name, material, f", held by {kind}", cohesion=cohesion)
+    for kind, cohesion in HELD_OF_SIZES.items():
+        for material in ("e = 1, mu = 10", "e = 0, mu = 10"):
+            contact("size ratio 10", material, f", held by {kind}", cohesion=cohesion)
     table["impact: spheres that van der Waals attracts"] = attraction_limit
     for name, shear, damping in (
         *((name, 0.4, 0.0) for name in BONDED), ("pair", 0.01, 0.0), ("pair", 0.4, 0.3), ("chain of 8", 0.4, 0.3)
