@@ -190,7 +190,7 @@ def test_a_closure_without_a_twin_is_not_judged(make: Any, tmp_path: Path, no_pa
     assert "is regained after" not in words and "is not regained" not in words
 
 
-def test_run_time_is_without_compiling(make: Any, tmp_path: Path) -> None:
+def test_run_time_is_without_compiling(make: Any, tmp_path: Path, request: pytest.FixtureRequest) -> None:
     """Two runs of one speed, one compiled and one from the cache: the same run time in row, files, figure and words."""
     cold, cached = make("cold", wall=5.8, factor=1.2), make("cached", wall=5.8, factor=1.2)
     cold.summary |= {"wall_time_s": 5.8 + 43.0, "stages_s": {"compile": 43.0}}
@@ -207,11 +207,12 @@ def test_run_time_is_without_compiling(make: Any, tmp_path: Path) -> None:
     assert "compile time" in page and page.count("5.8 s</td><td>43 s</td><td>1.00</td>") == 1
     untold = make("untold")
     untold.summary |= {"stages_s": {}}
+    request.getfixturevalue("no_page")
     result = compare(make("fine"), [untold], tmp_path)
     assert math.isnan(result.rows[1].run_time_s) and "untold" in " ".join(result.warnings)
 
 
-def test_packs_give_means_and_their_range(make: Any, tmp_path: Path) -> None:
+def test_packs_give_means_and_their_range(make: Any, tmp_path: Path, request: pytest.FixtureRequest) -> None:
     """Errors 0.1, 0.2, 0.3 over the packs: mean 0.2, noise half of the range, a point for each in the figure."""
     packs = [make("a1", factor=1.2, wall=5.0), make("a2", factor=1.3, wall=6.0), make("a3", valid=False)]
     runs = [Candidate(make("a", factor=1.1, wall=4.0), packs=packs), make("b", factor=1.25, wall=9.0)]
@@ -229,6 +230,7 @@ def test_packs_give_means_and_their_range(make: Any, tmp_path: Path) -> None:
     page = (tmp_path / "report.html").read_text()
     assert "10-30 %" in page and page.count("one pack") == 1
     noise = [make("jitter", factor=1.02, wall=19.0)]
+    request.getfixturevalue("no_page")
     result = compare(make("fine", wall=20.0), runs, tmp_path, noise=noise)
     console = Console(width=80, record=True, file=io.StringIO())
     console.print(terminal_table(result))

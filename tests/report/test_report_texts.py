@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from figure_texts import as_shown, drawn_texts, faults
+from figure_texts import as_shown, drawn, faults
 from matplotlib.figure import Figure
 
 from jaxdem.report import Candidate, Page, animation, chart, compare, figures, parity, single, snapshots, style
@@ -51,8 +51,8 @@ def test_a_name_is_shown_as_it_is(name: str) -> None:
     with style.look():
         figure = style.new_figure(6.0, 2.0)
         text = figure.text(0.05, 0.5, style.escaped(name))
-        (drawn,) = [found for found, _ in drawn_texts(figure)] or [text]
-    shown = as_shown(drawn).lstrip("\u200b")
+        (found,) = drawn(figure).texts.values() or [text]
+    shown = as_shown(found).lstrip("\u200b")
     wanted = name.replace("\n", "\\n").replace("\x1b", "\\x1b")
     head, _, tail = shown.partition("\u2026")
     assert wanted.startswith(head) and wanted.endswith(tail) and (shown == wanted or "\u2026" in shown)
