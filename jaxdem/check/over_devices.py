@@ -13,8 +13,8 @@ import numpy as np
 from jaxdem.check.run_cost import CPU, GPU, RunCost, run_cost
 from jaxdem.check.walls_in_fluid import OF_BODIES, OF_CELLS, bytes_of, sent_for_walls
 from jaxdem.devices.bonds import require_in_reach
-from jaxdem.devices.cut import slabs_of
-from jaxdem.devices.rooms import SlabRoom, equal_planes, listed_spheres, needed_room, slab_of
+from jaxdem.devices.cut import ghosts_by_size, slabs_of
+from jaxdem.devices.rooms import SlabRoom, equal_planes, ghosts_of, listed_spheres, needed_room, slab_of
 from jaxdem.errors import InputError, required
 from jaxdem.fluid.multigrid import FEW, STEPS
 from jaxdem.fluid.two_fluids import TwoFluidSolver
@@ -92,8 +92,8 @@ def check_devices(
         InputError: something in the scene does not work on several devices, or no axis can be cut so often.
     """
     listed = neighbors
-    if neighbors is not None and case.simulation.search.members == 1 and neighbors.radius.ndim:
-        case = dataclasses.replace(case, simulation=case.simulation.without_levels())
+    one_reach = case.simulation.contact is not None and case.simulation.search.levels is None
+    if neighbors is not None and one_reach and case.simulation.search.members == 1 and neighbors.radius.ndim:
         listed = _list_of_slabs(case, required(state.particles, "state.particles"))
         memory = {**memory, "neighbour list": bytes_of(listed.without_surfaces())}
     simulation = case.simulation
@@ -180,7 +180,8 @@ def _spread(case: Case, blocks: Blocks, state: State) -> tuple[np.ndarray, np.nd
     """Particles and ghosts of every slab at the start, and the room for them."""
     simulation, search = case.simulation, case.simulation.search
     particles = required(state.particles, "state.particles")
-    division = Division(blocks, simulation.box[blocks.axis], 0.0, balanced=simulation.fluid is None)
+    balanced, by_size = simulation.fluid is None, ghosts_by_size(simulation)
+    division = Division(blocks, simulation.box[blocks.axis], 0.0, balanced, by_size)
     position = np.asarray(particles.position, float)
     if particles.active is not None:
         position = position[np.asarray(particles.active)]
@@ -189,20 +190,10 @@ def _spread(case: Case, blocks: Blocks, state: State) -> tuple[np.ndarray, np.nd
     planes = division.length * np.arange(1, blocks.number) / blocks.number
     if division.balanced:
         planes = equal_planes(division, search, along)
-    slab = slab_of(planes, along)
-    counts = np.bincount(slab, minlength=blocks.number)
-    ghosts = np.zeros(blocks.number, int)
-    ends = [*planes, *([division.length] if blocks.periodic and blocks.number > 1 else [])]
-    for k, plane in enumerate(ends):
-        apart = along - plane
-        if blocks.periodic:
-            apart = apart - division.length * np.round(apart / division.length)
-        near = np.abs(apart) < search.body_reach
-        ghosts[k] += int(np.sum(near & (apart >= 0)))
-        ghosts[(k + 1) % blocks.number] += int(np.sum(near & (apart < 0)))
+    counts = np.bincount(slab_of(planes, along), minlength=blocks.number)
     spheres = listed_spheres(simulation, case.parameters, particles)
-    listed = list_room(search, spheres.position, spheres.active)
-    return counts, ghosts, needed_room(division, spheres, position, planes, listed)
+    ghosts = ghosts_of(division, spheres, along, planes)
+    return counts, ghosts, needed_room(division, spheres, position, planes, spheres.whole_room())
 
 
 def _memory(case: Case, memory: Mapping[str, int], rows: float, number: int) -> int:

@@ -128,11 +128,11 @@ def _require_slabs(scene: Scene, resumed: Path | None, number: int) -> None:
 
     if not isinstance(scene, StagedScene):
         case = build_case(scene, start=None if resumed is None else own_start(scene, resumed))
-        slabs_of(case.simulation.without_levels(), number, None)
+        slabs_of(case.simulation, number, None)
         return
     for k, (stage, _, case) in enumerate(foreseen_cases(scene.stages)):
         with named_stage(k, stage):
-            slabs_of(case.simulation.without_levels(), number, None)
+            slabs_of(case.simulation, number, None)
 
 
 def chosen_devices(group: ProcessGroup) -> list[jax.Device] | None:

@@ -17,7 +17,7 @@ STRETCH = 1.1
 
 
 def require_in_reach(search: NeighborSearch, bonds: BondState | None) -> None:
-    """Refuses bonds that the neighbour list does not reach along, so that a slab would not know both grains.
+    """Refuses bonds along which ghosts are not chosen, so that a slab would not know both grains.
 
     Raises:
         InputError: the longest one is too long.
@@ -26,12 +26,12 @@ def require_in_reach(search: NeighborSearch, bonds: BondState | None) -> None:
         return
     squared: Any = sum(np.asarray(x, float) ** 2 for x in bonds.separation)
     longest = float(np.sqrt(np.max(squared[:-1], initial=0.0)))
-    if STRETCH * longest > search.reach:
+    if STRETCH * longest > search.body_reach:
         limit = (
-            f"on several devices the neighbour list, which reaches {search.reach:.4g} m, must reach {STRETCH:g} times "
-            f"as far as the longest bond of {longest:.4g} m"
+            f"on several devices the neighbour list, which reaches {search.body_reach:.4g} m, must reach {STRETCH:g} "
+            f"times as far as the longest bond of {longest:.4g} m"
         )
-        raise InputError("contact.skin", f"{search.geometry.skin:.4g} m", limit, "raise it")
+        raise InputError("contact.skin", f"{search.body_reach - search.geometry.cutoff:.4g} m", limit, "raise it")
 
 
 def bonds_in_slabs(bonds: BondState, table: np.ndarray, changes: bool) -> BondState:

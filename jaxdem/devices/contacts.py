@@ -12,6 +12,7 @@ from jaxdem.errors import required
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.ghosts import member_stride
 from jaxdem.particles.integrate import ParticleState
+from jaxdem.particles.level_room import owns_first
 from jaxdem.particles.mesh_contact import MeshMemory
 from jaxdem.particles.neighbors import Neighbors
 
@@ -112,21 +113,45 @@ def _with_something(first: np.ndarray, second: np.ndarray, values: np.ndarray) -
     return Contacts(first[kept], second[kept], values[:, kept])
 
 
+class Keepers(NamedTuple):
+    """Who keeps what, see `particles.slab_history`: (C,) each.
+
+    Attributes:
+        owner: who keeps it.
+        partner: the other of its pair.
+        number: of the pair among the contacts.
+    """
+
+    owner: np.ndarray
+    partner: np.ndarray
+    number: np.ndarray
+
+
+def keepers_of(contacts: Contacts, radius: np.ndarray | None) -> Keepers:
+    """Both particles of every pair; with radii (N,) the owner of each alone, as in a list by levels of size."""
+    first, second, number = contacts.first, contacts.second, np.arange(len(contacts.first))
+    if radius is not None:
+        low, high = np.minimum(first, second), np.maximum(first, second)
+        lower = owns_first(radius, low, high)
+        return Keepers(np.where(lower, low, high), np.where(lower, high, low), number)
+    return Keepers(np.concatenate((first, second)), np.concatenate((second, first)), np.concatenate((number, number)))
+
+
 def history_tables(
-    contacts: Contacts, slab: np.ndarray, row: np.ndarray, shape: tuple[int, int, int], members: int
+    contacts: Contacts, kept: Keepers, slab: np.ndarray, row: np.ndarray, shape: tuple[int, int, int], members: int
 ) -> tuple:
     """What the particles of all slabs keep, as in `History`: (B, K m, R) partners, and components of values alike.
 
     Args:
         contacts: all of them.
+        kept: who keeps them.
         slab, row: (N,) of every particle.
         shape: B slabs, K slots, R rows.
         members: m, of a clump; 1 of spheres.
     """
     shape = shape[0], shape[1] * members, shape[2]
-    owner = np.concatenate((contacts.first, contacts.second))
-    partner = np.concatenate((contacts.second, contacts.first))
-    values = np.concatenate((contacts.values, contacts.values), axis=1)
+    owner, partner = kept.owner, kept.partner
+    values = contacts.values[:, kept.number]
     order = np.argsort(owner, kind="stable")
     owner, partner, values = owner[order], partner[order], values[:, order]
     slot = np.arange(len(owner)) - np.searchsorted(owner, owner)

@@ -73,6 +73,12 @@ def drift_of(simulation: Simulation) -> float:
     return 0.0 if simulation.contact is None else STRAY * simulation.search.geometry.cutoff + simulation.search.arm
 
 
+def ghosts_by_size(simulation: Simulation) -> bool:
+    """Whether ghosts are chosen by their sizes: with a list by levels of size. Bonds may be longer than such a list
+    reaches; with them grains are ghosts as far as the largest ones reach."""
+    return simulation.contact is not None and simulation.search.levels is not None and not simulation.search.bonds
+
+
 def _fullest(simulation: Simulation, number: int, position: np.ndarray | None, axis: int) -> int:
     """Most particles in one of the slabs of equal width across an axis."""
     if position is None or not len(position):

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxdem.devices.bonds import bonds_in_slabs, require_in_reach
-from jaxdem.devices.contacts import Contacts, contacts_of_list, history_tables
+from jaxdem.devices.contacts import Contacts, Keepers, contacts_of_list, history_tables, keepers_of
 from jaxdem.devices.gathering import gathered
 from jaxdem.devices.meeting import meet
 from jaxdem.devices.mesh import SAME, SLABS, on_host, on_slabs, put
@@ -24,11 +24,12 @@ from jaxdem.errors import InputError, required
 from jaxdem.fluid.slabs import fluid_in_slabs
 from jaxdem.particles.ghosts import Ghosts
 from jaxdem.particles.integrate import Motion, ParticleState, centres_in_box
-from jaxdem.particles.list_room import list_room, with_room_for_meshes
+from jaxdem.particles.list_room import with_room_for_meshes
 from jaxdem.particles.mesh_contact import MeshMemory
 from jaxdem.particles.neighbors import Neighbors, Room
 from jaxdem.particles.slab_bonds import relisted
-from jaxdem.particles.slab_list import History, Meshes, memory_of_slab, of_pairs, slab_list
+from jaxdem.particles.slab_history import History, of_pairs
+from jaxdem.particles.slab_list import Meshes, memory_of_slab, slab_list
 from jaxdem.particles.slab_rows import Sizes, Standing
 from jaxdem.state import Parameters, State
 
@@ -90,13 +91,14 @@ def _particles(
     listed = _listed_room(simulation, parameters, spheres, np.where(_is_present(particles), slab, -1))
     coming = simulation.count - len(present) if particles.inserted is not None else 0
     wider = needed_room(division, spheres, inside, planes, listed, coming)
-    room = _for_contacts(wider if room is None else _covering(room, wider), contacts)
+    kept = keepers_of(contacts, None if search.levels is None else spheres.on_host()[2])
+    room = _for_contacts(wider if room is None else _covering(room, wider), kept)
     row, table = np.zeros_like(slab), np.full((number, room.rows), -1, np.int32)
     for k in range(number):
         own = present[slab[present] == k]
         table[k, : len(own)], row[own] = own, np.arange(len(own))
     shape = number, room.listed.slots, room.rows
-    history = History(*history_tables(contacts, slab, row, shape, search.members))
+    history = History(*history_tables(contacts, kept, slab, row, shape, search.members))
     mesh, memory = required(simulation.mesh, "mesh"), _memory_of_rows(contacts, table, len(particles.position))
     rows_of_all = _rows(particles, table)
     if particles.bonds is not None:
@@ -142,7 +144,7 @@ def _is_present(particles: ParticleState) -> np.ndarray:
 def _listed_room(simulation: DividedSimulation, parameters: Parameters, spheres: Spheres, slab: np.ndarray) -> Room:
     """Room for the list of the whole box, but of meshes for that of any slab; `slab` is -1 of who is not there."""
     search = simulation.search
-    found = list_room(search, spheres.position, spheres.active)
+    found = spheres.whole_room()
     if not parameters.meshes:
         return found
     meshes = required(simulation.contact, "particles").model.meshes
@@ -165,9 +167,9 @@ def _covering(room: SlabRoom, other: SlabRoom) -> SlabRoom:
     )
 
 
-def _for_contacts(room: SlabRoom, contacts: Contacts) -> SlabRoom:
+def _for_contacts(room: SlabRoom, kept: Keepers) -> SlabRoom:
     """Room for what every particle keeps."""
-    numbers = np.bincount(np.concatenate((contacts.first, contacts.second)).astype(int))
+    numbers = np.bincount(kept.owner.astype(int))
     listed = dataclasses.replace(room.listed, slots=max(room.listed.slots, int(numbers.max(initial=1))))
     return SlabRoom(room.rows, room.ghosts, room.migrating, listed)
 
@@ -243,7 +245,8 @@ def _first_list(simulation: DividedSimulation, room: Room) -> Callable[..., Any]
         new = slab_list(simulation.search, simulation.division, standing, room, ghosts, meshes)
         of_rows = memory_of_slab(memory, new)
         new, bonds = relisted(simulation.division.blocks, new, rows.bonds)
-        return of_pairs(history, required(new.ghosts, "ghosts"), new.pairs), of_rows, bonds, new
+        springs = of_pairs(simulation.slabs, history, required(new.ghosts, "ghosts"), new.pairs)
+        return springs, of_rows, bonds, new
 
     mesh = required(simulation.mesh, "mesh")
     return jax.jit(on_slabs(mesh, listing, (SAME, SAME, *(SLABS,) * 4), (SLABS,) * 4))

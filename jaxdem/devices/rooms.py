@@ -8,11 +8,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jaxdem.devices.level_rooms import room_by_levels
 from jaxdem.errors import required
 from jaxdem.numerics.static import static
 from jaxdem.particles.ghosts import Division
 from jaxdem.particles.integrate import ParticleState
-from jaxdem.particles.list_room import own_in_reach, tree_of
+from jaxdem.particles.list_room import list_room, own_in_reach, tree_of
 from jaxdem.particles.migration import IMBALANCE, NARROWEST
 from jaxdem.particles.neighbor_search import NeighborSearch
 from jaxdem.particles.neighbors import Neighbors, Room
@@ -103,6 +104,18 @@ class Spheres(NamedTuple):
     radius: Any
     active: Any
 
+    def on_host(self) -> tuple[NeighborSearch, tuple[np.ndarray, ...], np.ndarray, np.ndarray | None]:
+        """Search, positions, radii and which there are, as arrays of NumPy."""
+        active = None if self.active is None else np.asarray(self.active)
+        position = tuple(np.asarray(x, float) for x in self.position)
+        return self.search, position, np.asarray(self.radius, float), active
+
+    def whole_room(self) -> Room:
+        """Room for their list on one device; of a list by levels `room_by_levels` has what slabs need."""
+        if self.search.levels is not None:
+            return Room(1, 2, 1)
+        return list_room(self.search, self.position, self.active)
+
     def neighbours(self) -> np.ndarray:
         """(N',) how many others the particles that there are have in reach, of clumps all members together."""
         there = np.ones(len(self.position[0]), bool) if self.active is None else np.asarray(self.active)
@@ -133,7 +146,7 @@ def needed_room(
         spheres: that touch, of all particles.
         position: (N, D) of those present, in the box [m].
         planes: (B - 1,) [m].
-        room: for their list on one device.
+        room: for their list on one device, `Spheres.whole_room`, with that of the meshes.
         coming: particles that come in later.
     """
     number, dimension, search = division.blocks.number, position.shape[1], spheres.search
@@ -144,19 +157,65 @@ def needed_room(
     margin = IMBALANCE**2 if division.balanced else UNEVEN  # contact steps work on all rows, with a particle or without
     rows = math.ceil(margin * fullest) + LEAST if number > 1 else max(math.ceil(fullest), 1)
     near = np.zeros(len(along), bool)
-    most = 0
+    most, reach = 0, ghost_reach(division, spheres)
     wraps = division.blocks.periodic and number > 1
     for plane in [*planes, *([0.0, division.length] if wraps else [])]:
         apart = along - plane
         if division.blocks.periodic:
             apart = apart - division.length * np.round(apart / division.length)
-        close = np.abs(apart) < search.body_reach * 1.25
+        close = np.abs(apart) < reach * 1.25
         most = max(most, int(np.sum(close & (apart < 0))), int(np.sum(close & (apart >= 0))))
         near |= close
     ghosts = math.ceil(EXTRA_CAPACITY * most) + LEAST if number > 1 else 1
+    migrating = rows // TRAVELLERS + LEAST
+    if search.levels is not None:
+        least = math.ceil(USUAL_PAIRS[dimension] * (fullest + most))
+        listed = room_by_levels(*spheres.on_host(), slab, least, rows + 2 * ghosts)
+        return SlabRoom(rows, ghosts, migrating, dataclasses.replace(listed, mesh=room.mesh))
     # A pair across a border is half of the neighbours of either, and a whole one of both slabs.
     each = np.bincount(slab, weights=0.5 * spheres.neighbours() * (1 + near), minlength=number)
     usual = USUAL_PAIRS[dimension] * (fullest + most) * search.members
     pairs = max(math.ceil(EXTRA_PAIRS * each.max()), math.ceil(usual)) + 1
     listed = dataclasses.replace(room, slots=max(room.slots, 1), pairs=pairs)
-    return SlabRoom(rows, ghosts, rows // TRAVELLERS + LEAST, listed)
+    return SlabRoom(rows, ghosts, migrating, listed)
+
+
+def ghosts_of(division: Division, spheres: Spheres, along: np.ndarray, planes: np.ndarray) -> np.ndarray:
+    """(B,) ghosts of every slab, as `chosen_ghosts` has them where all particles are in their slabs.
+
+    Args:
+        division, spheres: see `needed_room`.
+        along: (N,) positions of those present along the cut axis, in the box [m].
+        planes: (B - 1,) [m].
+    """
+    number, wraps = division.blocks.number, division.blocks.periodic
+    found, slab = np.zeros(number, int), slab_of(planes, along)
+    if number == 1:
+        return found
+    ends = np.array([0.0, *planes, division.length])
+    away, half = along - 0.5 * (ends[slab] + ends[slab + 1]), 0.5 * np.diff(ends)[slab]
+    # How far those above and below the middle of their slab are outside of it, with their sizes where these count.
+    upwards, downwards, least, reach = away - half, -half - away, 0.0, spheres.search.body_reach
+    if division.by_size:
+        _, _, radius, active = spheres.on_host()
+        size, reach = radius if active is None else radius[active], spheres.search.spare_reach
+        upwards, downwards, least = upwards + size, downwards + size, -division.length
+    above, below = (
+        np.array([np.max(out[slab == k], initial=least) for k in range(number)]) for out in (upwards, downwards)
+    )
+    up = (-upwards < reach + below[(slab + 1) % number]) & (wraps | (slab < number - 1))
+    down = (-downwards < reach + above[slab - 1]) & (wraps | (slab > 0))
+    if number == 2 and wraps:  # both neighbours are one
+        down &= ~up
+    for sent, step in ((up, 1), (down, -1)):
+        found += np.bincount((slab[sent] + step) % number, minlength=number)
+    return found
+
+
+def ghost_reach(division: Division, spheres: Spheres) -> Any:
+    """() or (N,) how far from a border particles may be ghosts of the slab beyond, of those present [m]."""
+    if not division.by_size:
+        return spheres.search.body_reach
+    radius = np.asarray(spheres.radius, float)
+    own = radius if spheres.active is None else radius[np.asarray(spheres.active)]
+    return own + (radius.max(initial=0.0) + spheres.search.spare_reach)

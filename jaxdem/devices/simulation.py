@@ -9,7 +9,7 @@ import jax
 import numpy as np
 from jax.sharding import Mesh
 
-from jaxdem.devices.cut import STRAY, drift_of, slabs_of
+from jaxdem.devices.cut import STRAY, drift_of, ghosts_by_size, slabs_of
 from jaxdem.devices.mesh import DIAGNOSTICS, SLABS, STATE, device_mesh, on_slabs
 from jaxdem.devices.parameters import cells_on_devices, in_slabs, of_slabs, on_devices, spread
 from jaxdem.errors import required
@@ -111,11 +111,11 @@ def divided(
             work on several devices.
     """
     mesh, whole = device_mesh(devices), simulation
-    simulation = simulation.without_levels()
     blocks = slabs_of(simulation, mesh.devices.size, position, axis)
     own = {field.name: getattr(simulation, field.name) for field in dataclasses.fields(Simulation)}
     if simulation.contact is not None:
-        division = Division(blocks, simulation.box[blocks.axis], STRAY, balanced=simulation.fluid is None)
+        balanced, by_size = simulation.fluid is None, ghosts_by_size(simulation)
+        division = Division(blocks, simulation.box[blocks.axis], STRAY, balanced, by_size)
         own["contact"] = dataclasses.replace(simulation.contact, division=division)
     if simulation.fluid is not None:
         drift = drift_of(simulation)

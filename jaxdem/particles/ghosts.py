@@ -9,6 +9,7 @@ the lower identity first, so that both have the same numbers and no force travel
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -37,12 +38,14 @@ class Division:
         stray: how far out of its slab a particle may be at the end of a coupling interval, over the reach of a contact;
             with 0 all are in their slabs then. Within an interval they stay where they began, however far they get [-].
         balanced: whether the cut planes move, so that all slabs have equally many.
+        by_size: whether ghosts are chosen by their sizes, where the list is one by levels of size.
     """
 
     blocks: Blocks
     length: float
     stray: float
     balanced: bool
+    by_size: bool = False
 
     @property
     def hops(self) -> int:
@@ -194,20 +197,34 @@ def exchanged(blocks: Blocks, ghosts: Ghosts, own: Vector, due: Array | None) ->
     return filled(from_below[:, :-1], from_above[:, :-1]), jnp.minimum(due, earliest)
 
 
-def chosen_ghosts(division: Division, ghosts: Ghosts, position: Vector, low: tuple[Low, ...], reach: float) -> Ghosts:
+def chosen_ghosts(
+    division: Division,
+    ghosts: Ghosts,
+    position: Vector,
+    low: tuple[Low, ...],
+    reach: float,
+    radius: Array | None = None,
+) -> Ghosts:
     """The ghosts of both neighbours at these positions (R,) of the own particles; their identities come with them.
 
-    A neighbour gets who is within reach of the farthest that its own particles stand outside of it.
+    A neighbour gets who is within reach of the farthest that its own particles stand outside of it. With radii (R,) it
+    gets whose surfaces are, of where the surfaces of its own reach, which may be inside of it: among grains of very
+    different sizes few small ones are ghosts where no large one stands at the border.
     """
     blocks, own = division.blocks, ghosts.own
     away, half = division.from_middle(ghosts.planes, position, low)
     reach = reach + ROUNDING * float(jnp.finfo(away.dtype).eps) * division.length
-    below = jnp.max(jnp.where(own, -half - away, 0.0), initial=0.0)
-    above = jnp.max(jnp.where(own, away - half, 0.0), initial=0.0)
-    below, above = jnp.where(blocks.is_first(), 0.0, below), jnp.where(blocks.is_last(), 0.0, above)
+    least = 0.0 if radius is None else -division.length
+
+    def beyond(x: Any) -> Any:  # a number stays one
+        return x if radius is None else x + radius
+
+    below = jnp.max(jnp.where(own, beyond(-half - away), least), initial=least)
+    above = jnp.max(jnp.where(own, beyond(away - half), least), initial=least)
+    below, above = jnp.where(blocks.is_first(), least, below), jnp.where(blocks.is_last(), least, above)
     out_of_lower, out_of_upper = blocks.from_both(below, above)
-    to_upper = own & (half - away < reach + out_of_upper) & ~blocks.is_last()
-    to_lower = own & (half + away < reach + out_of_lower) & ~blocks.is_first()
+    to_upper = own & (half - away < beyond(reach) + out_of_upper) & ~blocks.is_last()
+    to_lower = own & (half + away < beyond(reach) + out_of_lower) & ~blocks.is_first()
     if blocks.number == 1:  # it finds its own pairs across a periodic side
         to_upper = to_lower = jnp.zeros_like(own)
     if blocks.number == 2 and blocks.periodic:  # both neighbours are one

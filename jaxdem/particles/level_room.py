@@ -41,15 +41,26 @@ def level_room(
     there = np.full(count, True) if active is None else active
     present, size = tuple(np.asarray(x, float)[there] for x in position), radius[there]
     first, second = pairs_in_reach(geometry, present, size + 0.5 * (levels.gap + geometry.skin))
-    owner = np.where((size[second] > size[first]) | ((size[second] == size[first]) & (second > first)), first, second)
+    owner = np.where(owns_first(size, first, second), first, second)
     owned = int(np.bincount(owner, minlength=1).max()) if len(owner) else 0
     degree = np.zeros(count, int)
     degree[: len(size)] = np.bincount(np.concatenate((first, second)), minlength=len(size))
     pairs = max(math.ceil(EXTRA_PAIRS * len(first)), math.ceil(USUAL_PAIRS[dimension] * count))
     pairs = min(pairs, count * (count - 1) // 2)
-    cell, across = _occupancy(levels, geometry, present, size, radius)
+    cell, across = occupancy(levels, geometry, present, size, radius)
     slots = min(max(math.ceil(EXTRA_CAPACITY * owned), USUAL_SLOTS[dimension]), count - 1)
-    return Room(slots, pairs + 1, cell, rows=RowRoom(*_rows(degree, dimension), across))
+    return Room(slots, pairs + 1, cell, rows=RowRoom(*rows_of_entries(degree, dimension), across))
+
+
+def owns_first(size: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """(P,) bool, whether the first of two particles owns the pair: the smaller one, of two equal ones the lower.
+
+    Args:
+        size: (N,) radii.
+        first, second: (P,) of each pair.
+    """
+    owned: np.ndarray = (size[second] > size[first]) | ((size[second] == size[first]) & (second > first))
+    return owned
 
 
 def pairs_in_reach(
@@ -68,24 +79,33 @@ def pairs_in_reach(
     return one[near], other[near]
 
 
-def _rows(degree: np.ndarray, dimension: int) -> tuple[int, int]:
-    """Width of the rows of entries and number of further rows that take the fewest entries in all."""
+def rows_of_entries(degree: np.ndarray, dimension: int) -> tuple[int, int]:
+    """Width of the rows of entries and number of further rows that take the fewest entries in all.
+
+    `degree` (N,) is the number of pairs of each particle.
+    """
     count, best = len(degree), None
     for width in range(NARROWEST_ROW[dimension], 2 * USUAL_SLOTS[dimension] + 1):
-        further = int(np.sum(np.maximum(degree - 1, 0) // width))
-        further = math.ceil(EXTRA_CAPACITY * further) + count // SPARE_ROWS + SPARE_ROWS
+        further = further_rows(degree, width)
         if best is None or width * (count + further) < best[0] * (count + best[1]):
             best = width, further
     assert best is not None
     return best
 
 
-def _occupancy(
+def further_rows(degree: np.ndarray, width: int) -> int:
+    """Room for rows beyond the first of every particle, of this width, with a margin."""
+    further = int(np.sum(np.maximum(degree - 1, 0) // width))
+    return math.ceil(EXTRA_CAPACITY * further) + len(degree) // SPARE_ROWS + SPARE_ROWS
+
+
+def occupancy(
     levels: SizeLevels,
     geometry: NeighborGeometry,
     position: tuple[np.ndarray, ...],
     size: np.ndarray,
     radius: np.ndarray,
+    rows: int | None = None,
 ) -> tuple[int, int]:
     """Room for particles in a column of the tables of both kinds: as many as there are, and as a dense pack has.
 
@@ -94,8 +114,9 @@ def _occupancy(
         position: D arrays (M,) of those present [m].
         size: (M,) of these [m].
         radius: (N,) of all that there ever are [m].
+        rows: particles that the tables are for; M if None.
     """
-    tables = LevelTables(levels, geometry.box, geometry.periodic, len(size))
+    tables = LevelTables(levels, geometry.box, geometry.periodic, len(size) if rows is None else rows)
     everyone, found = np.asarray(levels.of_radius(_as_array(radius))), []
     homes = tables.homes(_as_array(position), levels.of_radius(_as_array(size)))
     for kind, (home, grids) in enumerate(zip(map(np.asarray, homes), tables.kinds, strict=True)):

@@ -25,7 +25,8 @@ from jaxdem.particles.mesh_contact import MeshMemory
 from jaxdem.particles.neighbor_search import NeighborSearch
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.particles.slab_bonds import relisted, rows_first, rows_last, without_ghosts_gone
-from jaxdem.particles.slab_list import History, history_of, memory_of_rows, memory_of_slab, of_pairs, renewed_list
+from jaxdem.particles.slab_history import History, history_of, of_pairs
+from jaxdem.particles.slab_list import memory_of_rows, memory_of_slab, renewed_list
 from jaxdem.particles.slab_rows import Sizes, Standing
 
 IMBALANCE = 1.02
@@ -181,7 +182,7 @@ def _moved(
     new = renewed_list(search, division, standing, neighbors, ghosts, placed)
     new, bonds = relisted(division.blocks, new, particles.bonds)
     particles = particles._replace(bonds=bonds)
-    springs = of_pairs(history, required(new.ghosts, "ghosts of a list"), new.pairs)
+    springs = of_pairs(division.blocks, history, required(new.ghosts, "ghosts of a list"), new.pairs)
     memory = memory_of_slab(meshes, new)
     return particles._replace(contact_spring=springs, mesh_memory=memory), new, rows.along
 

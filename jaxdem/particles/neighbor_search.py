@@ -43,6 +43,7 @@ class NeighborSearch:
         members: spheres of a body, which are no pairs with each other; of N bodies row k N + i is one of body i.
         levels: of size, by which grains are looked for; None for one table for all.
         arm: farthest that the centre of a member is from that of its body; 0 of spheres [m].
+        bonds: whether there are levels and bonds, which may be longer than a list by levels reaches.
     """
 
     geometry: NeighborGeometry
@@ -51,6 +52,7 @@ class NeighborSearch:
     members: int = 1
     levels: SizeLevels | None = None
     arm: float = 0.0
+    bonds: bool = False
 
     @property
     def without_levels(self) -> NeighborSearch:
@@ -84,8 +86,16 @@ class NeighborSearch:
         return radius + (0.5 * self.reach - namespace(radius).max(radius))
 
     @property
+    def spare_reach(self) -> float:
+        """In a list by levels: pairs whose surfaces are nearer than this are listed [m]."""
+        return required(self.levels, "levels of size").gap + self.geometry.skin
+
+    @property
     def body_reach(self) -> float:
-        """Particles whose centres are farther apart have no spheres within `reach`; of spheres that itself [m]."""
+        """Particles whose centres are farther apart have no spheres within `reach`; of spheres that itself, with bonds
+        beside levels that of one table for all [m]."""
+        if self.bonds:
+            return self.without_levels.reach
         return self.reach if self.members == 1 else self.reach + 2.0 * self.arm
 
     @property
@@ -227,18 +237,25 @@ class NeighborSearch:
         return MeshSearch(self.geometry.box, self.geometry.periodic, self.geometry.skin, self.geometry.gap)
 
     def in_reach(
-        self, position: Vector, low: tuple[Low, ...], room: Room, active: Array | None, radius: Array | None = None
+        self,
+        position: Vector,
+        low: tuple[Low, ...],
+        room: Room,
+        active: Array | None,
+        radius: Array | None = None,
+        who: Array | None = None,
     ) -> tuple[Array, Array]:
         """(K, N) int32 index of a list at these positions, and () bool, whether there was not room enough.
 
-        `radius` () or (N,) says how far each reaches [m]; without it all reach as far as the largest.
+        `radius` () or (N,) says how far each reaches [m]; without it all reach as far as the largest. `who` says in a
+        slab whose particles the rows of a list by levels are, see `LevelTables.owned`.
         """
         geometry = self.geometry
         inside = compensated.into_box(position, low, geometry.box, geometry.periodic)
         if self.levels is not None and radius is not None:
             tables = LevelTables(self.levels, geometry.box, geometry.periodic, len(radius))
             rows = room.cell, required(room.rows, "room for rows").across
-            return tables.owned(inside, radius, geometry.skin, room.slots, rows, active)
+            return tables.owned(inside, radius, geometry.skin, room.slots, rows, active, who)
         given, reaches = self.cells_for(position), None if radius is None else self.reaches(radius)
         return neighbors_in_cells(given, inside, room.slots, room.cell, active, self.members, reaches)
 
@@ -269,7 +286,7 @@ class NeighborSearch:
             if room.rows is None:
                 pairs, too_many = pairs_of(index, room.pairs, identity)
             else:
-                pairs, too_many = owned_pairs(index, room.pairs, room.rows.width, room.rows.further)
+                pairs, too_many = owned_pairs(index, room.pairs, room.rows.width, room.rows.further, identity)
             overflow = overflow | too_many
             separation, overlap = separation_and_overlap(self.geometry, pairs, position, low, radius)
         builds, across = jnp.ones((), jnp.int32), 0 if room.rows is None else room.rows.across

@@ -14,7 +14,9 @@ from jaxdem.numerics.vectors import Vector
 from jaxdem.particles.pairs import Owned, Pairs, at, repeated
 
 
-def owned_pairs(index: Array, room: int, width: int, further: int) -> tuple[Pairs, Array]:
+def owned_pairs(
+    index: Array, room: int, width: int, further: int, identity: Array | None = None
+) -> tuple[Pairs, Array]:
     """The pairs of a list by levels, and whether they are more than there is room for.
 
     Args:
@@ -22,9 +24,10 @@ def owned_pairs(index: Array, room: int, width: int, further: int) -> tuple[Pair
         room: P, one more than the number of pairs that can be held.
         width: of the rows of entries.
         further: E, room for rows beyond the first of every particle.
+        identity: (N,) int32 by which the first of a pair is the lower one; the index if None.
 
     Returns:
-        the pairs, of which `first` is the particle with the lower index; and () bool, there was not enough room.
+        the pairs, of which `first` is the particle with the lower identity; and () bool, there was not enough room.
     """
     count = index.shape[1]
     own, place = jnp.arange(count, dtype=jnp.int32), jnp.arange(room, dtype=jnp.int32)
@@ -48,8 +51,12 @@ def owned_pairs(index: Array, room: int, width: int, further: int) -> tuple[Pair
     part = jnp.concatenate((jnp.zeros_like(own), rows - before[row] + 1))
     wanted = part[None] * width + jnp.arange(width, dtype=jnp.int32)[:, None]
     nobody = room - 1
-    of_owner = jnp.where(owner < other, place, room + place)
-    of_other = jnp.where(owner < other, room + place, place)
+
+    def owner_first() -> Array:
+        return owner < other if identity is None else identity[owner] < identity[other]
+
+    of_owner = jnp.where(owner_first(), place, room + place)
+    of_other = jnp.where(owner_first(), room + place, place)
     owns, has = number[whose][None], degree[whose][None]
     mine = at((of_owner,), jnp.clip(start[whose][None] + wanted, 0, nobody))[0]
     theirs = at((of_other[order],), jnp.clip(begin[whose][None] + wanted - owns, 0, nobody))[0]
@@ -57,7 +64,11 @@ def owned_pairs(index: Array, room: int, width: int, further: int) -> tuple[Pair
     needless = jnp.concatenate((jnp.zeros(count, bool), rows >= upto[-1]))
     entry = jnp.where(needless[None], nobody, entry)
     row = jnp.where(rows < upto[-1], row, count)
-    pairs = Pairs(jnp.minimum(owner, other), jnp.maximum(owner, other), entry, Owned(start, owner, row))
+    if identity is None:
+        first, second = jnp.minimum(owner, other), jnp.maximum(owner, other)
+    else:
+        first, second = jnp.where(owner_first(), owner, other), jnp.where(owner_first(), other, owner)
+    pairs = Pairs(first, second, entry, Owned(start, owner, row))
     return pairs, (total > room - 1) | (upto[-1] > further)
 
 

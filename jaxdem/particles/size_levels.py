@@ -134,6 +134,7 @@ class LevelTables:
         slots: int,
         rows: tuple[int, int],
         active: Array | None = None,
+        who: Array | None = None,
     ) -> tuple[Array, Array]:
         """The other of all pairs that every particle owns; jittable.
 
@@ -144,6 +145,9 @@ class LevelTables:
             slots: K, room for pairs that a particle owns.
             rows: room for particles in a column, of the tables of both kinds.
             active: (N,) bool, which particles there are; all if None.
+            who: (N,) int32, in a slab the identity i of its own particles and -1 - i of ghosts. Of two equal particles
+                that of the lower identity owns the pair, so that all slabs agree, and two ghosts are no pair. On one
+                device, None, the identity is the index.
 
         Returns:
             (K, N) int32 with the particle itself in empty slots, the last ones; and () bool: there was not enough room.
@@ -163,7 +167,7 @@ class LevelTables:
             sizes = (nobody,) if kind == 0 else tuple(grid.columns for grid in grids)
             filled = _filled_rows(rows_of < self.particles, sizes)
             table = _Table(jnp.pad(rows_of, ((0, 0), (0, 1)), constant_values=self.particles), cells, filled)
-            words.append(self._words(position, radius, reach, table, same_level=kind == 0))
+            words.append(self._words(position, radius, reach, table, kind == 0, who))
             crowded = crowded | full
             tables.append(table)
         index, most = self._picked(jnp.concatenate(words), tables, slots)
@@ -196,7 +200,9 @@ class LevelTables:
         index = jnp.broadcast_to(own, (slots, self.particles))
         return lax.fori_loop(0, jnp.minimum(most, slots), fill, (words, index))[1], most
 
-    def _words(self, position: Vector, radius: Array, reach: Array, table: _Table, same_level: bool) -> Array:
+    def _words(
+        self, position: Vector, radius: Array, reach: Array, table: _Table, same_level: bool, who: Array | None
+    ) -> Array:
         """(R G, N) uint32, of every row of the table and group of cells around, cell by cell: is the particle owned."""
         own, far = jnp.arange(self.particles, dtype=jnp.int32), jnp.full((1,), jnp.nan, radius.dtype)
         groups, cells, _ = table.around.shape
@@ -215,14 +221,23 @@ class LevelTables:
                     apart = apart - length * jnp.round(apart / length)
                 squared = squared + apart * apart
             near = squared < (reach[None] + size) ** 2
+            if who is not None:
+                other = at(at((jnp.pad(who, (0, 1)),), holds), columns)[0]
+                near = near & ((who >= 0)[None] | (other >= 0))
             if same_level:
-                later = at((holds,), columns)[0] > own[None]
+                later = at((holds,), columns)[0] > own[None] if who is None else _later(other, who[None])
                 near = near & ((size > radius[None]) | ((size == radius[None]) & later))
             word = jnp.sum(jnp.where(near, bit, jnp.uint32(0)), axis=0, dtype=jnp.uint32)
             return words.at[row * groups + group].set(word)
 
         blank = jnp.zeros((len(table.rows) * groups, self.particles), jnp.uint32)
         return lax.fori_loop(0, ends[-1], look, blank)
+
+
+def _later(other: Array, who: Array) -> Array:
+    """Whether the identity of the other is higher, see `LevelTables.owned`."""
+    one, another = (jnp.where(x < 0, -1 - x, x) for x in (who, other))
+    return another > one
 
 
 class _Table(NamedTuple):

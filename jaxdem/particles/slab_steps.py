@@ -24,7 +24,8 @@ from jaxdem.particles.integrate import Motion, ParticleProperties, ParticleState
 from jaxdem.particles.neighbor_search import NeighborSearch
 from jaxdem.particles.neighbors import Neighbors, displacement_since_build
 from jaxdem.particles.slab_bonds import noted, relisted
-from jaxdem.particles.slab_list import history_of, of_pairs, renewed_list
+from jaxdem.particles.slab_history import history_of, of_pairs
+from jaxdem.particles.slab_list import renewed_list
 from jaxdem.particles.slab_rows import Sizes, Standing, rows_beside
 
 
@@ -239,7 +240,7 @@ def rebuilt(
     bonds = None if motion.bonds is None else noted(motion.bonds)
     new, bonds = relisted(division.blocks, new, bonds)
     ghosts = required(new.ghosts, "ghosts of a list")
-    springs = of_pairs(history_of(motion.contact_spring, neighbors), ghosts, new.pairs)
+    springs = of_pairs(division.blocks, history_of(motion.contact_spring, neighbors), ghosts, new.pairs)
     properties = ghosts_beside(division, ghosts, slab.properties)
     motion = motion._replace(contact_spring=springs, bonds=bonds)
     return new, motion, SlabCarry(jnp.full((), NEVER, jnp.int32), properties)

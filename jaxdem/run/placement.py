@@ -201,7 +201,8 @@ class Slabs:
             return *self.placed(state, neighbors), extra
         before = _divided_before(self.case, attributes)
         given = _stored_slabs(self.case, template, arrays, before.slabs.number)
-        if before.slabs != self.simulation.slabs:
+        anew = given[1] is not None and self._of_before(given[1])
+        if before.slabs != self.simulation.slabs or anew:
             found = gathered(before, *given)
             return *distributed(self.simulation, self.case.parameters, *found), _extra(arrays)
         mesh = required(self.simulation.mesh, "mesh")
@@ -211,6 +212,10 @@ class Slabs:
             surfaces = jax.tree.map(lambda x: np.stack([np.asarray(x)] * before.slabs.number), self._surfaces)
             neighbors = neighbors.with_surfaces(surfaces)
         return state, put(mesh, neighbors), _extra(arrays)
+
+    def _of_before(self, neighbors: Neighbors) -> bool:
+        """Whether a list is of a version that had one table for all sizes in slabs."""
+        return self.simulation.search.levels is not None and neighbors.pairs.owned is None
 
     @property
     def _surfaces(self) -> Any:
@@ -251,7 +256,7 @@ def _extra(arrays: Arrays) -> Arrays:
 
 def _divided_before(case: Case, attributes: Mapping[str, Any]) -> DividedSimulation:
     """What `gathered` asks of the simulation in slabs that has written a checkpoint."""
-    plain, number, axis = case.simulation.without_levels(), int(attributes[SLAB_COUNT]), int(attributes[SLAB_AXIS])
+    plain, number, axis = case.simulation, int(attributes[SLAB_COUNT]), int(attributes[SLAB_AXIS])
     own = {field.name: getattr(plain, field.name) for field in dataclasses.fields(plain)}
     blocks = Blocks(number, axis, plain.periodic[axis])
     return DividedSimulation(**own, blocks=blocks, count=int(attributes[ROWS]), whole=case.simulation)
@@ -271,8 +276,8 @@ def _stored_slabs(case: Case, template: State, arrays: Arrays, number: int) -> t
         if particles.bonds is not None:
             bonds = blank_kept(particles.bonds, blank, case.simulation.population is not None)
             particles = particles._replace(bonds=bonds)
-        plain = case.simulation.without_levels()
-        lists = plain.list_shapes(case.parameters, template.particles, Room.of(room[3:])).without_surfaces()
+        plain, listed = case.simulation, Room.of(room[3:])
+        lists = plain.list_shapes(case.parameters, template.particles, listed).without_surfaces()
         parts: Any = {field.name: blank for field in dataclasses.fields(Ghosts) if not field.metadata.get("static")}
         ghosts = Ghosts(**parts, migrating=room[2], members=plain.search.members)
         lists = dataclasses.replace(lists, ghosts=ghosts)

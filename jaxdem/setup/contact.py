@@ -115,7 +115,8 @@ def _search(particles: ParticleSetup) -> NeighborSearch:
     geometry = neighbor_geometry(particles)
     moving = tuple(mesh.moves for mesh in particles.meshes)
     levels = size_levels(geometry, particles.contact, particles.spheres.radius, particles.members)
-    return NeighborSearch(geometry, _typical_radius(particles), moving, particles.members, levels, particles.arm)
+    bonds = levels is not None and particles.bonds is not None
+    return NeighborSearch(geometry, _typical_radius(particles), moving, particles.members, levels, particles.arm, bonds)
 
 
 def _materials(particles: ParticleSetup, sides: int, surfaces: int) -> MaterialIndex | None:

@@ -17,8 +17,8 @@ LEVEL_RATIO = 2.0
 
 LEVELS_PAY = 1.5
 """Levels are used where a cell as wide as the largest grain holds so many times the grains of a cell of equal ones: at
-least as many are looked at when one table is made. That a list then has so many times the pairs is true of slabs and
-clumps alone: on one device one table lists pairs by the sizes of both."""
+least as many are looked at when one table is made. That a list then has so many times the pairs is true of clumps, and
+of slabs: on one device one table lists pairs by the sizes of both."""
 
 
 def pairs_over_equal(radius: np.ndarray, dimension: int) -> float:
@@ -46,8 +46,9 @@ def list_skin(contact: Contact, radius: np.ndarray, dimension: int, members: int
 
 
 def single_skin(contact: Contact, radius: np.ndarray) -> float:
-    """Skin of a list in which all reach as far as the largest [m]: of clumps, and of slabs for grains that have levels
-    on one device. In largest diameters; in mean ones it would be shorter, and made more often: not measured."""
+    """Skin of a list in which all reach as far as the largest [m]: of clumps. In largest diameters; in mean ones it
+    would be shorter, and made more often: not measured. With bonds it says how wide slabs are at least, and how
+    long bonds may be there."""
     return (SKIN if contact.skin == "auto" else contact.skin) * 2.0 * float(np.max(radius, initial=0.0))
 
 

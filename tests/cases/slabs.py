@@ -1,7 +1,8 @@
 """Random scenes on several devices against one, and what they differ by.
 
 An interval of a scene is run from the same state on one device and in slabs, again and again, while one device goes on:
-so that errors do not grow with the chaos of collisions. `python -m tests.cases.slabs 20 2` runs 20 scenes on 2 devices.
+so that errors do not grow with the chaos of collisions. `python -m tests.cases.slabs 20 2` runs 20 scenes on 2 devices,
+`python -m tests.cases.slabs 20 2 wide` those with few large grains among small ones.
 """
 
 from __future__ import annotations
@@ -60,6 +61,23 @@ def random_scene(seed: int) -> dict[str, Any]:
     if comes and not wraps[0]:
         boundary["right"] = {"particles": "remove"} | ({"kind": "outlet"} if fluid else {})
     return tables
+
+
+def wide_scene(seed: int) -> dict[str, Any]:
+    """The same with a fifth of the grains, and 300 that are five to twenty times as small between them."""
+    tables, draw = random_scene(seed), np.random.default_rng(seed)
+    size, grains = np.asarray(tables["domain"]["size"]), tables["particles"]
+    chosen = draw.random(len(grains["position"])) < 0.2
+    places, velocity = np.asarray(grains["position"])[chosen], np.asarray(grains["velocity"])[chosen]
+    radius = np.full(len(places), 0.01)
+    while len(places) < chosen.sum() + 300:
+        small = draw.uniform(0.0005, 0.002)
+        place = draw.uniform(small, size - small)
+        if np.all(np.sum((places - place) ** 2, axis=1) > (radius + small) ** 2):
+            places, radius = np.vstack([places, place]), np.append(radius, small)
+    velocity = np.vstack([velocity, draw.normal(0.0, 0.4, (300, len(size)))])
+    moved = {"position": places.tolist(), "radius": radius.tolist(), "velocity": velocity.tolist()}
+    return tables | {"particles": grains | moved}
 
 
 class Difference(NamedTuple):
@@ -146,10 +164,10 @@ class Pair:
         return Difference(*found, len(pairs[0] ^ pairs[1]), float(np.abs(momenta[0] - momenta[1]).max() / total))
 
 
-def main(scenes: int, number: int) -> None:
+def main(scenes: int, number: int, wide: bool) -> None:
     """Prints the largest differences of every scene."""
     for seed in range(scenes):
-        tables = random_scene(seed)
+        tables = (wide_scene if wide else random_scene)(seed)
         pair = Pair(jaxdem.load_scene(tables), number)
         kinds = [len(tables["domain"]["size"]), "fluid" if "fluid" in tables else "dry", pair.divided.blocks]
         found = []
@@ -161,4 +179,4 @@ def main(scenes: int, number: int) -> None:
 
 if __name__ == "__main__":
     jax.config.update("jax_enable_x64", True)
-    main(int(sys.argv[1]), int(sys.argv[2]))
+    main(int(sys.argv[1]), int(sys.argv[2]), "wide" in sys.argv)
