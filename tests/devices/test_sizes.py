@@ -246,7 +246,7 @@ FURTHER = {
             "young_modulus": 1e6, "friction": 0.4, "restitution": 0.6, "speed": 1.0,
             "cohesion": {
                 "kind": "capillary", "surface_tension": 0.07, "contact_angle": 0.3, "liquid_content": 1e-4,
-                "bridge_share": 0.1,
+                "bridge_share": 0.03,
             },
         },
     },
@@ -256,16 +256,17 @@ FURTHER = {
 @pytest.mark.parametrize("kind", [pytest.param(kind, marks=COMBINATION) for kind in FURTHER])
 def test_what_else_grains_of_wide_sizes_do(kind):
     both = Compared(jaxdem.load_scene(pack().tables() | FURTHER[kind]), 2)
-    for _ in range(3):
-        both.go_on(2)
+    for _ in range(2):
+        both.go_on(1)
         off, others, touching = both.difference()
         assert off < 1e-10 and not others and touching > 50
         if both.one[0].scalars is not None:
             own, found = both.one[0].scalars.grains, devices.gathered(both.divided, *both.slabs)[0].scalars.grains
-            np.testing.assert_allclose(found, own, rtol=1e-12)
+            there = np.asarray(both.one[0].particles.active)
+            np.testing.assert_allclose(found[there], np.asarray(own)[there], rtol=1e-12)
         both.again()
     if both.simulation.population is not None:
-        assert np.sum(~np.asarray(both.one[0].particles.active)) > 10
+        assert np.sum(~np.asarray(both.one[0].particles.active)) > 5
 
 
 def contact_set(kept):
