@@ -236,6 +236,6 @@ def _require_address_space() -> None:
             "ulimit -v",
             limit // 1024,
             f"limits the address space to {limit / 2**30:.2g} GiB; JAX and its compiler reserve about "
-            f"{needed / 2**30:.2g} GiB on {cores} cores",
+            f"{needed / 2**30:.2g} GiB on {cores} core{'s' if cores > 1 else ''}",
             f"Raise it to {needed // 1024} or more.",
         )

@@ -106,7 +106,10 @@ def launch(group: ProcessGroup, processes: int | None, scene: Scene, resumed: Pa
     _require_slabs(scene, resumed, group.devices or processes)
     cores = len(os.sched_getaffinity(0))
     if processes > cores:
-        terminal.warn(f"{processes} processes share {cores} cores and wait for each other; give --processes {cores}")
+        shared, remedy = f"{cores} cores", f"give --processes {cores}"
+        if cores == 1:
+            shared, remedy = "one core", "leave --processes out"
+        terminal.warn(f"{processes} processes share {shared} and wait for each other; {remedy}")
     process.be_silent()
     outcome = run_processes(processes, sys.argv[1:])
     if outcome.message is not None:
