@@ -105,9 +105,19 @@ def figure_names():
     assert not found, "\n".join(dict.fromkeys(found))
 
 
+@pytest.fixture
+def host_patch():
+    """`monkeypatch` for what no compiled program has in it, such as steps of the time loop: the programs are kept."""
+    with pytest.MonkeyPatch.context() as patch:
+        yield patch
+
+
 @pytest.fixture(autouse=True)
 def own_programs(request):
-    """A test that replaces code compiles its own programs of small worlds and runs, and leaves none to others."""
+    """A test that replaces code compiles its own programs of small worlds and runs, and leaves none to others.
+
+    What it replaces may be in them, unless it takes `host_patch`.
+    """
     if "monkeypatch" not in request.fixturenames:
         yield
         return

@@ -32,6 +32,7 @@ from jaxdem.closures import (
     load_subgrid,
     save_closure,
 )
+from jaxdem.errors import visible
 from jaxdem.io.access import acquire_lock
 from jaxdem.run.sweep import _name, parse_variation
 from jaxdem.study import identity
@@ -56,12 +57,12 @@ checkpoint_interval = 0.0
 
 
 @pytest.fixture(autouse=True)
-def settings_of_jax(monkeypatch, tmp_path_factory):
+def settings_of_jax(host_patch, tmp_path_factory):
     """The command line sets the compilation cache for its process; here that is taken back after each test."""
     names = ("jax_compilation_cache_dir", "jax_persistent_cache_min_compile_time_secs", "jax_enable_x64")
     before = {name: getattr(jax.config, name) for name in names}
-    monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR", raising=False)
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.getbasetemp() / "cache"))
+    host_patch.delenv("JAX_COMPILATION_CACHE_DIR", raising=False)
+    host_patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.getbasetemp() / "cache"))
     yield
     for name, value in before.items():
         jax.config.update(name, value)
@@ -314,9 +315,9 @@ def test_check_bounds_the_viscous_limit_of_the_models(grains, option):
 
 
 @pytest.mark.parametrize(("quiet", "warned"), [((), 1), (("--quiet",), 0)])
-def test_run_warns_of_units_as_check_does(grains, done, tmp_path, monkeypatch, quiet, warned):
+def test_run_warns_of_units_as_check_does(grains, done, tmp_path, host_patch, quiet, warned):
     """A density in g/cm3: one line on standard error before the run, and none where none is wanted."""
-    monkeypatch.setattr("jaxdem.run.scene_run.simulate", lambda *_, **__: load_run(done[0]))
+    host_patch.setattr("jaxdem.run.scene_run.simulate", lambda *_, **__: load_run(done[0]))
     result = invoke("run", grains, "--out", tmp_path / "run", "--set", "particles.density=2.65", *quiet)
     assert result.exit_code == 0 and result.stderr.count("lighter than foam") == warned
     assert "write 2650" in invoke("check", grains, "--set", "particles.density=2.65").stdout
@@ -333,22 +334,35 @@ def test_check_of_grains_alone_has_no_fluid(grains):
     assert f"left out {parts}, gravity over time, fluid" in text
 
 
-def test_float64_is_set_before_building(grains, monkeypatch):
+def test_float64_is_set_before_building(grains):
     jax.config.update("jax_enable_x64", False)
     result = invoke("check", grains, "--set", "precision=float64")
     assert result.exit_code == 0, result.output
     assert "precision float64" in " ".join(result.stdout.split())
 
 
-def test_compare_says_where_the_report_is(done, tmp_path):
-    copy = tmp_path / "copy"
-    shutil.copytree(done[0], copy)
-    result = invoke("compare", done[0], copy, "--out", tmp_path / "report")
-    assert result.exit_code == 0, result.output
-    assert str(tmp_path / "report" / "report.html") in result.stdout
-    assert (tmp_path / "report" / "report.html").stat().st_size > 1000
-    refused(invoke("compare", done[0], tmp_path / "absent", "--out", tmp_path / "other"), "not a run directory")
-    assert not (tmp_path / "other").exists()
+def test_compare_and_plot_runs_of_any_name(done, tmp_path, figure_names):
+    """Between dollars matplotlib would read mathematics, and a terminal takes what follows an escape for a command.
+    What a killed comparison has left in the folder goes."""
+    named, out = tmp_path / "r$^$_1\x1b[31m\x9bred", tmp_path / "report"
+    figure_names.append(visible(named.name))
+    shutil.copytree(done[0], named)
+    out.mkdir()
+    os.close(acquire_lock(out))
+    (out / ".report.html.4711.tmp").write_bytes(b"half")
+    results = [
+        invoke("compare", done[0], named, "--out", out),
+        invoke("plot", named),
+        invoke("compare", named, tmp_path / "absent\x1b[2J", "--out", tmp_path / "none"),
+    ]
+    for result in results:
+        assert "\x1b" not in result.output and "\x9b" not in result.output
+        assert "\\x1b" in result.output
+    assert [result.exit_code for result in results] == [0, 0, 2], results[0].output
+    assert str(out / "report.html") in results[0].stdout
+    assert (out / "report.html").stat().st_size > 1000 and not list(out.glob(".*.tmp"))
+    refused(results[2], "not a run directory")
+    assert not (tmp_path / "none").exists()
 
 
 def test_results_of_several_runs_do_not_go_into_the_folder_of_one(done, grains):
@@ -369,28 +383,6 @@ def test_plot_and_animate_a_run(done, tmp_path):
     frames = load_run(out).number_of_frames
     assert f"{frames} of {frames} outputs" in " ".join(result.stdout.split())
     assert (tmp_path / "films" / "run.gif").read_bytes()[:6] == b"GIF89a"
-
-
-def test_a_run_may_have_any_name(done, tmp_path, figure_names):
-    """Between dollars matplotlib would read mathematics."""
-    named = tmp_path / "r$^$_1"
-    figure_names.append(named.name)
-    shutil.copytree(done[0], named)
-    assert invoke("plot", named, "--out", tmp_path / "a.png").exit_code == 0
-    assert invoke("compare", done[0], named, "--out", tmp_path / "both").exit_code == 0
-
-
-def test_the_name_of_a_run_reaches_no_terminal_as_a_command(done, tmp_path):
-    named = tmp_path / "red\x1b[31m\x9brun"
-    shutil.copytree(done[0], named)
-    for arguments in (
-        ("compare", done[0], named, "--out", tmp_path / "both"),
-        ("plot", named),
-        ("compare", named, tmp_path / "absent\x1b[2J", "--out", tmp_path / "none"),
-    ):
-        result = invoke(*arguments)
-        assert "\x1b" not in result.output and "\x9b" not in result.output
-        assert "\\x1b" in result.output
 
 
 def test_plot_and_animate_refuse_what_they_cannot_draw(done, tmp_path):
@@ -433,10 +425,10 @@ def test_a_sweep_goes_on_after_a_failed_run_and_where_it_was_stopped(grains, tmp
     refused(invoke(*arguments, "--set", "contact.friction=0.1"), "contact.friction", "same scene")
 
 
-def test_a_sweep_goes_on_after_a_stage_that_failed(tmp_path, monkeypatch):
+def test_a_sweep_goes_on_after_a_stage_that_failed(tmp_path, host_patch):
     """The folder of the stages is no run: it is the stage that says how far it got. The bar goes to the end of all."""
     stage, totals = StudyDisplay.stage, []
-    monkeypatch.setattr(StudyDisplay, "stage", lambda *given: (totals.append(given[2]), stage(*given))[1])
+    host_patch.setattr(StudyDisplay, "stage", lambda *given: (totals.append(given[2]), stage(*given))[1])
     stages = '[[stages]]\nname = "one"\ntime.end = 0.02\n[[stages]]\nname = "two"\ntime.end = 0.04\n'
     (tmp_path / "scene.toml").write_text(GRAINS.replace("end = 0.04", "end = 0.02") + stages)
     vary = ("--vary", f"particles.velocity={FAST},{STILL}", "--set", "contact.speed=1.0")
@@ -479,7 +471,7 @@ def test_a_sweep_has_the_probes_and_what_parts_of_the_scene_have_put_into_the_hi
 
 
 def test_a_second_sweep_or_comparison_onto_one_folder_is_refused(grains, done, tmp_path):
-    """While the first has it; nothing of the first is touched. What a killed process left is no obstacle, and goes."""
+    """While the first has it; nothing of the first is touched."""
     commands = (
         ("sweep", grains, "--vary", "contact.friction=0.1", *SWEEP),
         ("compare", done[0], done[0]),
@@ -495,9 +487,6 @@ def test_a_second_sweep_or_comparison_onto_one_folder_is_refused(grains, done, t
         refused(invoke(*arguments, "--out", out), "--out", str(out), f"process {os.getpid()}", "is writing to it")
         assert {path.name for path in out.iterdir()} == before
         os.close(lock)
-    (tmp_path / "compare" / ".report.html.4711.tmp").write_bytes(b"half")
-    assert invoke("compare", done[0], done[0], "--out", tmp_path / "compare").exit_code == 0
-    assert not list((tmp_path / "compare").glob(".*.tmp")) and (tmp_path / "compare" / "report.html").is_file()
 
 
 def continue_study(out):
@@ -623,7 +612,7 @@ def small_dataset(path, rows=400):
     write_dataset(path, attributes, {2: {"filter_size": 0.1, "kernel_width": 0.1, **columns}})
 
 
-def test_finetune_refuses_and_writes(grains, done, tmp_path, monkeypatch):
+def test_finetune_refuses_and_writes(grains, done, tmp_path, host_patch):
     """What is trained is kept also where the training ends early; the training itself is put in by hand."""
     closure, out = tmp_path / "c.h5", tmp_path / "new" / "tuned.h5"
     save_closure(closure, InvariantClosure.initial(hidden=(2,)), {"recipe": "filtered"})
@@ -641,7 +630,7 @@ def test_finetune_refuses_and_writes(grains, done, tmp_path, monkeypatch):
         written = {name: values | {"finetune": record} for name, values in metadata.items()}
         return FinetuneResult(start, written, "5 updates in a row failed")
 
-    monkeypatch.setattr("jaxdem.train.finetune.finetune", trained)
+    host_patch.setattr("jaxdem.train.finetune.finetune", trained)
     chosen = ("--horizons", "1,2", "--updates", 3)
     result = invoke("finetune", grains, "--reference", done[0], *common, *chosen)
     assert result.exit_code == 1 and "5 updates in a row failed" in result.stderr
@@ -669,8 +658,8 @@ def test_finetune_refuses_and_writes(grains, done, tmp_path, monkeypatch):
         (("--subgrid", "new", "--subgrid-out", "s.h5"), ("--subgrid-out", "only subgrid is trained")),
     ],
 )
-def test_finetune_refuses_what_does_not_go_together(grains, tmp_path, monkeypatch, options, words):
-    monkeypatch.chdir(tmp_path)
+def test_finetune_refuses_what_does_not_go_together(grains, tmp_path, host_patch, options, words):
+    host_patch.chdir(tmp_path)
     save_closure("c.h5", InvariantClosure.initial(hidden=(2,)), {})
     refused(invoke("finetune", grains, "--reference", "none", "--out", "out.h5", *options), *words)
 
@@ -692,12 +681,12 @@ def test_export_writes_what_was_asked_for(tmp_path):
     assert path.read_bytes() == kept
 
 
-def test_what_a_study_is_asked_for_in_vain_is_refused(tmp_path, monkeypatch):
+def test_what_a_study_is_asked_for_in_vain_is_refused(tmp_path, host_patch):
     """The full size too where the package is not in a checkout."""
     out = tmp_path / "study"
     refused(invoke("study", "flying", "--out", out), "flying", "injection")
     refused(invoke("study", "injection", "--out", out, "--jobs", 2), "--jobs", "--scale paper")
-    monkeypatch.setattr("jaxdem.cli.study.SOURCE", tmp_path)
+    host_patch.setattr("jaxdem.cli.study.SOURCE", tmp_path)
     full = ("study", "injection", "--scale", "paper", "--out", out)
     refused(invoke(*full), "--scale", "paper", "studies", "source code", "pip install --editable")
     assert not out.exists()
