@@ -262,14 +262,14 @@ def test_a_later_end_that_brings_more_particles_is_refused(tmp_path):
         simulate(load_scene(tables, {"time.end": 0.04}), run.path, resume=True)
 
 
-def test_an_exception_leaves_what_a_resume_needs(scene, whole, tmp_path, monkeypatch):
+def test_an_exception_leaves_what_a_resume_needs(scene, whole, tmp_path, host_patch):
     """As after a kill: nothing is closed or joined; frames beyond the checkpoint are cut off and done again."""
 
     def fail():
         raise KeyError("from outside")
 
     out = tmp_path / "run"
-    monkeypatch.setattr(chunk, "LONGEST", 0.0)  # the host looks after every interval
+    host_patch.setattr(chunk, "LONGEST", 0.0)  # the host looks after every interval
     with pytest.raises(KeyError):
         simulate(scene, out, progress=stop_at(13, fail))
     assert not (out / "summary.json").exists()
@@ -279,42 +279,6 @@ def test_an_exception_leaves_what_a_resume_needs(scene, whole, tmp_path, monkeyp
     for name in whole.probes:
         assert file_bytes(whole, f"probes/{name}.csv") == file_bytes(again, f"probes/{name}.csv")
     assert_same_frames(whole, again)
-
-
-def test_too_few_neighbour_slots_change_nothing(scene, whole, tmp_path, monkeypatch):
-    """Slots are added and the interval done again: the numbers are those with slots to spare.
-
-    But for rounding, for more slots are another program: XLA joins other products and sums into one operation.
-    """
-    monkeypatch.setattr(list_room, "USUAL_SLOTS", {2: 1, 3: 1})
-    monkeypatch.setattr(list_room, "EXTRA_CAPACITY", 1.0)
-    tight = simulate(scene, tmp_path / "run")
-    counts = tight.summary["counts"]
-    assert counts["neighbor_resizes"] > 0
-    assert whole.summary["counts"]["neighbor_resizes"] == 0
-    assert counts["neighbor_builds"] == whole.summary["counts"]["neighbor_builds"]
-    # Collisions amplify rounding: to 1.5e-8 ... 1.2e-7 m at the end of the run, by the compiler's options; little in
-    # its first half.
-    for index in range(whole.number_of_frames // 2 + 1):
-        ours, theirs = whole.particles(index), tight.particles(index)
-        np.testing.assert_allclose(ours["position"], theirs["position"], rtol=0, atol=1e-7)
-        np.testing.assert_allclose(ours["velocity"], theirs["velocity"], rtol=0, atol=2e-5)
-
-
-@COMBINATION
-def test_what_else_is_wrong_after_an_overflow_does_not_count(scene, whole, tmp_path, monkeypatch):
-    """Particles that missed their contacts may be lost or too fast: the interval is done again all the same."""
-    monkeypatch.setattr(list_room, "USUAL_SLOTS", {2: 1, 3: 1})
-    monkeypatch.setattr(list_room, "EXTRA_CAPACITY", 1.0)
-
-    def worse(simulation, diagnostics):
-        code = failures(simulation, diagnostics)
-        return code | jnp.where(diagnostics.particles.overflow, int(OF_PARTICLES), 0)
-
-    monkeypatch.setattr(chunk, "failures", worse)
-    tight = simulate(scene, tmp_path / "run")
-    assert tight.summary["valid"] and tight.summary["counts"]["neighbor_resizes"] > 0
-    assert first_meaning(int(OF_PARTICLES))[0] == "the neighbour list ran out of room"
 
 
 def test_a_complete_run_of_other_sizes_is_not_taken_for_done(tmp_path):
@@ -362,7 +326,7 @@ def test_a_figure_that_was_lost_shows():
     assert np.isnan(totals.fastest)
 
 
-def test_a_failed_run_keeps_its_frames_and_says_why(scene, tmp_path, monkeypatch):
+def test_a_failed_run_keeps_its_frames_and_says_why(scene, tmp_path, host_patch):
     advance = TimeLoop._advance
 
     def failing(loop, count):
@@ -370,7 +334,7 @@ def test_a_failed_run_keeps_its_frames_and_says_why(scene, tmp_path, monkeypatch
             loop._raise(4, loop.state, None)
         return advance(loop, count)
 
-    monkeypatch.setattr(TimeLoop, "_advance", failing)
+    host_patch.setattr(TimeLoop, "_advance", failing)
     with pytest.raises(RunError, match="left the box") as caught:
         simulate(scene, tmp_path / "run")
     assert "particle" in caught.value.where
@@ -389,3 +353,43 @@ def test_where_a_closure_lies_does_not_matter():
     scenes = [tomllib.loads(text) for text in texts]
     assert scene_text.first_difference(*scenes[:2]) is None
     assert scene_text.first_difference(scenes[0], scenes[2]) == ("closure.file", "drag.h5", "other.h5")
+
+
+def test_too_few_neighbour_slots_change_nothing(tmp_path, monkeypatch):
+    """Slots are added and the interval done again: the numbers are those with slots to spare.
+
+    Of the grains alone. But for rounding, for more slots are another program: XLA joins other products and sums into
+    one operation.
+    """
+    tables = {name: SCENE[name] for name in ("domain", "particles", "contact", "time")}
+    scene = load_scene(tables, {"particles.pack.spacing": 1.3})
+    whole = simulate(scene, tmp_path / "whole")
+    monkeypatch.setattr(list_room, "USUAL_SLOTS", {2: 1, 3: 1})
+    monkeypatch.setattr(list_room, "EXTRA_CAPACITY", 1.0)
+    tight = simulate(scene, tmp_path / "run")
+    counts = tight.summary["counts"]
+    assert counts["neighbor_resizes"] > 0
+    assert whole.summary["counts"]["neighbor_resizes"] == 0
+    assert counts["neighbor_builds"] == whole.summary["counts"]["neighbor_builds"]
+    # Collisions amplify rounding: to 1.5e-8 ... 1.2e-7 m at the end of the run, by the compiler's options; little in
+    # its first half.
+    for index in range(whole.number_of_frames // 2 + 1):
+        ours, theirs = whole.particles(index), tight.particles(index)
+        np.testing.assert_allclose(ours["position"], theirs["position"], rtol=0, atol=1e-7)
+        np.testing.assert_allclose(ours["velocity"], theirs["velocity"], rtol=0, atol=2e-5)
+
+
+@COMBINATION
+def test_what_else_is_wrong_after_an_overflow_does_not_count(scene, whole, tmp_path, monkeypatch):
+    """Particles that missed their contacts may be lost or too fast: the interval is done again all the same."""
+    monkeypatch.setattr(list_room, "USUAL_SLOTS", {2: 1, 3: 1})
+    monkeypatch.setattr(list_room, "EXTRA_CAPACITY", 1.0)
+
+    def worse(simulation, diagnostics):
+        code = failures(simulation, diagnostics)
+        return code | jnp.where(diagnostics.particles.overflow, int(OF_PARTICLES), 0)
+
+    monkeypatch.setattr(chunk, "failures", worse)
+    tight = simulate(scene, tmp_path / "run")
+    assert tight.summary["valid"] and tight.summary["counts"]["neighbor_resizes"] > 0
+    assert first_meaning(int(OF_PARTICLES))[0] == "the neighbour list ran out of room"

@@ -120,13 +120,13 @@ class Killed(BaseException):
     """What ends a run as a kill does: nothing is written any more."""
 
 
-def test_twenty_kills_at_random_moments_change_nothing(chain, tmp_path, monkeypatch):
+def test_twenty_kills_at_random_moments_change_nothing(chain, tmp_path, host_patch):
     """Before or after any interval, frame or checkpoint; then the chain is gone on with, as often as it takes."""
     out, deaths = tmp_path / "runs", Deaths(20)
-    monkeypatch.setattr(chunk, "LONGEST", 0.0)  # one interval at a time
+    host_patch.setattr(chunk, "LONGEST", 0.0)  # one interval at a time
     for owner, name in ((TimeLoop, "_advance"), (RunWriter, "frame"), (RunWriter, "checkpoint")):
-        monkeypatch.setattr(owner, name, deaths.around(getattr(owner, name)))
-    monkeypatch.setattr(TimeLoop, "_compile", compiled_once(TimeLoop._compile))
+        host_patch.setattr(owner, name, deaths.around(getattr(owner, name)))
+    host_patch.setattr(TimeLoop, "_compile", compiled_once(TimeLoop._compile))
     scene = load_scene(STAGED)
     for _ in range(21):
         try:
@@ -174,7 +174,7 @@ def compiled_once(compile_it):
     return compiled
 
 
-def test_files_are_stages_too(chain, tmp_path, monkeypatch):
+def test_files_are_stages_too(chain, tmp_path, host_patch):
     """The same three scenes as files: the same bits; complete stages are not run again."""
     names, files, below = [], [], SCENE
     for stage in STAGES:
@@ -187,7 +187,7 @@ def test_files_are_stages_too(chain, tmp_path, monkeypatch):
     assert done.exit_code == 0, done.output
     for name in names:
         assert kept(tmp_path / "runs" / name) == kept(chain / name), name
-    monkeypatch.setattr(TimeLoop, "run", lambda *_: pytest.fail("it is complete"))
+    host_patch.setattr(TimeLoop, "run", lambda *_: pytest.fail("it is complete"))
     again = command("run", *files, "--out", tmp_path / "runs", "--quiet", "--resume")
     assert again.exit_code == 0 and "is complete" in again.output
 
