@@ -38,7 +38,7 @@ from benchmarks.clusters_closures import (
     tuned_name,
 )
 from benchmarks.clusters_measures import is_fine, measured, pooled
-from benchmarks.clusters_nudged import NUDGINGS, train_nudged
+from benchmarks.clusters_nudged import FITTED, LONGER_FITTED, train_nudged
 from benchmarks.clusters_runs import Case, simulated
 from benchmarks.clusters_seen import filtered_drag
 
@@ -102,6 +102,13 @@ SEEN_ON = (
     Seen(with_long_step(Case(0.3, times=13, samples=0.1)), draws=4, dropped=5),
 )
 """Fine runs that the closures of `SEEN_FITS` are trained on: their solid fractions lie round those of `FRACTIONS`."""
+LONGER_ON = (
+    Seen(Case(0.05, seed=3, times=80, samples=0.1), draws=8, dropped=6),
+    Seen(with_long_step(Case(0.01, seed=3, times=110, samples=0.1)), draws=16, dropped=6),
+    Seen(with_long_step(Case(0.15, seed=3, times=60, samples=0.1)), draws=4, dropped=5),
+    Seen(with_long_step(Case(0.3, seed=3, times=60, samples=0.1)), draws=4, dropped=5),
+)
+"""Longer fine runs, that the closures of `LONGER_FITTED` are trained on."""
 SMALLER = {0.02: (0, 1, 2), 0.05: (0, 1)}
 """Solid fractions of the runs with parcels of 2, and the seeds of the places."""
 MATCHED_AT = (0.01, 0.05)
@@ -124,6 +131,7 @@ def plan() -> dict[str, list[Case]]:
     return {
         "fine": [*(fine(s, seed) for seed in SEEDS for s in FRACTIONS), LONG],
         "training": [one.case for one in SEEN_ON],
+        "longer": [one.case for one in LONGER_ON],
         "mesh": [*small, *checks],
         "models": [coarse(s, cell, model) for cell in reversed(COARSE) for model in MODELS for s in FRACTIONS],
         "parcels": [coarse(s, cell, model, 4) for cell in COARSE for model in MODELS for s in FRACTIONS],
@@ -133,9 +141,13 @@ def plan() -> dict[str, list[Case]]:
         "seen": [coarse(s, 24.0, model, 4, seed) for model in SEEN_FITS for s in FRACTIONS for seed in SEEDS],
         "matched": [coarse(s, 24.0, MATCHED, 4, seed) for s in FRACTIONS for seed in SEEDS],
         "smaller": [coarse(s, 24.0, "wide", 2, seed) for s, seeds in SMALLER.items() for seed in seeds],
-        "smaller_none": [coarse(0.05, 24.0, parcel=2)],
-        "nudged": [coarse(s, 24.0, model, 4, seed) for s in FRACTIONS for seed in SEEDS for model in NUDGINGS],
-        "anew": [coarse(0.05, 24.0, model, 4, seed) for model in ("", "radl", *ANEW) for seed in (0, 1, 2)],
+        "smaller_none": [coarse(s, 24.0, parcel=2) for s in FRACTIONS],
+        "nudged": [coarse(s, 24.0, model, 4, seed) for s in FRACTIONS for seed in SEEDS for model in FITTED],
+        "nudged_longer": [coarse(s, 24.0, m, 4, seed) for m in LONGER_FITTED for s in FRACTIONS for seed in SEEDS],
+        "anew": [
+            *(coarse(0.05, 24.0, model, 4, 2) for model in ("", "radl")),
+            *(coarse(s, 24.0, model, 4, seed) for model in ANEW for s in FRACTIONS for seed in (0, 1, 2)),
+        ],
         "trainings": [coarse(s, 24.0, model, 4) for model in AGAIN for s in FRACTIONS],
         "tuned": [with_tuned(coarse(s, cell, parcel=parcel)) for cell, parcel in TUNED for s in FRACTIONS],
     }
@@ -217,7 +229,9 @@ def main() -> None:
         if name in ("seen", "matched", "smaller") and time.monotonic() < until:
             train_seen(SEEN_ON, arguments.runs)
         if name == "nudged" and time.monotonic() < until:
-            train_nudged(SEEN_ON, arguments.runs)
+            train_nudged(SEEN_ON, arguments.runs, FITTED)
+        if name == "nudged_longer" and time.monotonic() < until:
+            train_nudged(LONGER_ON, arguments.runs, LONGER_FITTED)
         if name in ("anew", "trainings") and time.monotonic() < until:
             train_again(TRAINED_ON, SEEN_ON[0].case, arguments.runs)
         if name == "matched" and time.monotonic() < until:

@@ -23,7 +23,7 @@ from matplotlib.lines import Line2D
 from benchmarks import harness
 from benchmarks.clusters_measures import pooled
 from benchmarks.clusters_runs import Case
-from benchmarks.clusters_tables import FRACTIONS, PAGE, SHOWN, chosen, fine_runs
+from benchmarks.clusters_tables import FRACTIONS, PAGE, chosen, fine_runs, shown
 from jaxdem.io import load_run
 from jaxdem.report import style
 
@@ -90,8 +90,9 @@ def draw_errors(rows: Sequence[dict[str, Any]], path: Path) -> None:
                 _errors(axes, rows, fraction, name)
                 axes.set(title=f"solid fraction {fraction:g}", xlabel=label, xlim=LIMITS)
                 axes.tick_params(labelbottom=True)
-        panels[0, 0].set_yticks(range(len(SHOWN)), [closure or "no model" for closure in SHOWN])
-        panels[0, 0].set_ylim(len(SHOWN) - 0.4, -0.7)
+        names = shown(rows)
+        panels[0, 0].set_yticks(range(len(names)), [closure or "no model" for closure in names])
+        panels[0, 0].set_ylim(len(names) - 0.4, -0.7)
         entries = [
             Line2D([], [], color=colour, marker=marker, linestyle="", label=kind)
             for kind, (marker, colour, _) in KINDS.items()
@@ -108,7 +109,7 @@ def _errors(axes: Axes, rows: Sequence[dict[str, Any]], fraction: float, name: s
     axes.axvline(0.0, color=style.REFERENCE, linewidth=0.8)
     for edge in (-noise, noise):
         axes.axvline(edge, color=style.NOISE, linewidth=0.9, linestyle="--")
-    for (place, closure), (kind, (marker, colour, shift)) in itertools.product(enumerate(SHOWN), KINDS.items()):
+    for (place, closure), (kind, (marker, colour, shift)) in itertools.product(enumerate(shown(rows)), KINDS.items()):
         runs = [row for row in here if row["closure"] == closure and kind_of(row) == kind]
         if runs:
             found = pooled(runs, name)

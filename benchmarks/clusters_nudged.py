@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -21,9 +21,21 @@ from jaxdem.train.nudged import NudgedRun, Nudging, Reference, reference_of
 NUDGINGS = {
     "nudged": Nudging(stiffness=3.0, relaxation=RELAXATION / 4.0),
     "nudgedbox": Nudging(stiffness=0.0, relaxation=math.inf, control=RELAXATION / 4.0),
+    "nudgedboth": Nudging(stiffness=1.0, relaxation=RELAXATION / 4.0, control=RELAXATION / 4.0),
 }
-"""Closures, and how the runs that they are fitted to are nudged: to the fine run in every cell, or to the slip of the
-whole box alone. A cell is crossed in a quarter of a relaxation time."""
+"""How runs are nudged: to the fine run in every cell, to the slip of the whole box alone, or in both ways. A cell is
+crossed in a quarter of a relaxation time."""
+TRAINED_AT = (0.01, 0.05, 0.15, 0.3)
+"""Solid fractions of the runs."""
+FITTED = {name: dict.fromkeys(TRAINED_AT, name) for name in ("nudged", "nudgedbox")}
+"""Closures, and how the runs that they are fitted to are nudged, by solid fraction."""
+LONGER_FITTED = {
+    "longmixed": {0.01: "nudgedbox", 0.05: "nudgedbox", 0.15: "nudged", 0.3: "nudged"},
+    "longboth": dict.fromkeys(TRAINED_AT, "nudgedboth"),
+    "longbox": dict.fromkeys(TRAINED_AT, "nudgedbox"),
+}
+"""The same for longer fine runs. The first is held to the slip of the box in thin suspensions, where the gas that a
+parcel drags along is much of what it sees, and drawn to the cells in dense ones, where the uneven places count."""
 CELL, PARCEL, STEP = 24.0, 4, 5e-4
 """Cells in diameters, l of the parcels and fluid step of the nudged runs [s]."""
 SEEDS = {0.01: (0, 1)}
@@ -32,9 +44,9 @@ INTERVALS = 11
 """Coupling intervals between samples: a quarter of a relaxation time."""
 
 
-def nudged_datasets(one: Seen, folder: Path) -> dict[str, Dataset]:
-    """What parcels see in runs that are nudged to a fine run, by closure; what is there is not done again."""
-    files = {name: folder / f"{one.case.folder}.{name}.h5" for name in NUDGINGS}
+def nudged_datasets(one: Seen, folder: Path, names: Sequence[str]) -> dict[str, Dataset]:
+    """What parcels see in runs that are nudged to a fine run in these ways; what is there is not done again."""
+    files = {name: folder / f"{one.case.folder}.{name}.h5" for name in names}
     if not all(file.exists() for file in files.values()):
         _make(one, folder, files)
     return {name: read_dataset(file) for name, file in files.items()}
@@ -47,12 +59,12 @@ def _make(one: Seen, folder: Path, files: dict[str, Path]) -> None:
         Case(one.case.solid_fraction, CELL, seed, parcel=PARCEL, step=STEP)
         for seed in SEEDS.get(one.case.solid_fraction, (0,))
     ]
-    collected: dict[str, list[dict[str, np.ndarray]]] = {name: [] for name in NUDGINGS}
+    collected: dict[str, list[dict[str, np.ndarray]]] = {name: [] for name in files}
     for case in cases:
         nudged, start = _run_of(case, reference)
-        for name, nudging in NUDGINGS.items():
+        for name in files:
             outputs = math.floor(float(reference.times[-1]) / (INTERVALS * STEP))
-            rows, series = nudged.samples(nudging, *start, outputs, INTERVALS)
+            rows, series = nudged.samples(NUDGINGS[name], *start, outputs, INTERVALS)
             late = rows["time"] > one.dropped * RELAXATION
             collected[name].append({column: values[late] for column, values in rows.items()})
             _report(name, case, series, rows, one.dropped)
@@ -88,11 +100,21 @@ def _report(name: str, case: Case, series: dict[str, np.ndarray], rows: dict[str
     )
 
 
-def train_nudged(runs: Sequence[Seen], folder: Path, seed: int = 0) -> None:
-    """The closures of `NUDGINGS`, with the features and the fit of `wide`."""
-    if all((folder / f"{name}.closure.h5").exists() for name in NUDGINGS):
+def train_nudged(runs: Sequence[Seen], folder: Path, fitted: Mapping[str, Mapping[float, str]], seed: int = 0) -> None:
+    """The closures of `FITTED` or `LONGER_FITTED`, with the features and the fit of `wide`.
+
+    Args:
+        runs: fine runs.
+        folder: of all runs.
+        fitted: by closure and solid fraction, how runs are nudged.
+        seed: of the training.
+    """
+    if all((folder / f"{name}.closure.h5").exists() for name in fitted):
         return
-    datasets = [nudged_datasets(one, folder) for one in runs]
-    for name in NUDGINGS:
-        own = [of_run[name] for of_run in datasets]
+    datasets = {}
+    for one in runs:
+        s = one.case.solid_fraction
+        datasets[s] = nudged_datasets(one, folder, sorted({ways[s] for ways in fitted.values() if s in ways}))
+    for name, ways in fitted.items():
+        own = [of_run[ways[s]] for s, of_run in datasets.items() if s in ways]
         fit_seen(name, "wide", [*own, parted(own[0])[1]], folder, seed)

@@ -27,7 +27,7 @@ PAGE = Path(__file__).parents[1] / "docs" / "results" / "clusters.md"
 BOX = [96, 192]
 FRACTIONS = (0.02, 0.05, 0.2)
 SHOWN = ("", "radl", "regression", "network", "tuned", "network2", "fraction", "bounded", "gradient", "squares",
-         "balance", "wide", "matched", "nudged", "nudgedbox")  # fmt: skip
+         "balance", "wide", "matched", "nudged", "nudgedbox", "longmixed", "longboth", "longbox")  # fmt: skip
 """Closures in the order of the tables."""
 SUMMARY = {
     "": "no model",
@@ -66,6 +66,12 @@ def over_fine(rows: Sequence[Row], own: Sequence[Row], name: str) -> tuple[float
     mine, fine = pooled(own, name), pooled(fine_runs(rows, own[0]["solid_fraction"]), name)
     quotient = mine["mean"] / fine["mean"]
     return quotient, quotient * math.hypot(mine["error"] / mine["mean"], fine["error"] / fine["mean"])
+
+
+def shown(rows: Sequence[Row]) -> list[str]:
+    """The closures of `SHOWN` that there are runs with."""
+    there = {row["closure"] for row in chosen(rows)}
+    return [closure for closure in SHOWN if closure in there]
 
 
 def label(closure: str) -> str:

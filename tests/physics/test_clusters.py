@@ -14,6 +14,7 @@ import pytest
 
 from benchmarks import clusters, clusters_tables, harness
 from benchmarks import clusters_measures as measures
+from benchmarks import clusters_nudged as nudged
 from benchmarks import clusters_runs as runs
 from benchmarks.clusters_closures import MATCHED_WITHIN, parted, scaled, stronger
 from benchmarks.clusters_seen import OF_GRAINS, thinned
@@ -188,6 +189,29 @@ def test_the_plan_has_a_fine_run_for_every_coarse_one_and_no_folder_twice():
     fine = {(case.solid_fraction, case.box) for case in cases if case.cell == 3.0 and not case.closure}
     assert {(case.solid_fraction, case.box) for case in cases} == fine
     assert Path(runs.SCENE).is_file()
+
+
+@pytest.mark.parametrize(
+    ("fitted", "runs_on"), [(nudged.FITTED, clusters.SEEN_ON), (nudged.LONGER_FITTED, clusters.LONGER_ON)]
+)
+def test_every_closure_is_fitted_to_a_way_of_nudging_in_a_run_that_there_is(monkeypatch, tmp_path, fitted, runs_on):
+    """Each closure gets the samples of its own ways, one dataset a run."""
+    made: list[tuple[float, tuple[str, ...]]] = []
+    fits: dict[str, list[str]] = {}
+
+    def datasets(one, folder, names):
+        made.append((one.case.solid_fraction, tuple(names)))
+        assert set(names) <= set(nudged.NUDGINGS)
+        return {name: f"{one.case.solid_fraction:g} {name}" for name in names}
+
+    monkeypatch.setattr(nudged, "nudged_datasets", datasets)
+    monkeypatch.setattr(nudged, "parted", lambda dataset: ("", f"end of {dataset}"))
+    monkeypatch.setattr(nudged, "fit_seen", lambda name, fit, sets, folder, seed: fits.update({name: sets}))
+    nudged.train_nudged(runs_on, tmp_path, fitted)
+    assert sorted(s for s, _ in made) == sorted(one.case.solid_fraction for one in runs_on)
+    for name, ways in fitted.items():
+        assert sorted(fits[name][:-1]) == sorted(f"{s:g} {way}" for s, way in ways.items())
+        assert fits[name][-1] == f"end of {fits[name][0]}"
 
 
 def test_the_end_of_a_run_is_held_out():
