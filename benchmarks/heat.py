@@ -61,10 +61,7 @@ def cavity_tables() -> dict[str, Any]:
 
 def surface_tables() -> dict[str, Any]:
     """The column of water of `benchmarks/surface.py` on 128 x 96 cells, warm."""
-    tables = surface.tables([128, 96], 1000.0)
-    tables["surface"] |= {"heat_capacity": 1007.0, "conductivity": 0.026, "temperature": 290.0}
-    water = {"fluid_heat_capacity": 4180.0, "fluid_conductivity": 0.6, "fluid_temperature": 350.0}
-    return tables | {"heat": water}
+    return surface.tables([128, 96], 1000.0, **surface.WARM)
 
 
 def without_heat(tables: dict[str, Any]) -> dict[str, Any]:

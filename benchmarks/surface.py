@@ -1,7 +1,7 @@
 """Time of a fluid step with two fluids against that of one fluid on the same mesh, and iterations of the pressure.
 
-A column of water that collapses, in a box of 128 x 96 cells, float32, also with surface tension, and with a scalar in
-the water that diffuses; the one fluid is stirred by a lid. Steps of all are timed in turns in one process, in processor
+A column of water that collapses, in a box of 128 x 96 cells, float32, also with surface tension, with a scalar in the
+water that diffuses, and with temperatures; the one fluid is stirred by a lid. Steps of all are timed in turns in one process, in processor
 time, and the least of each counts. Iterations are those of the same
 flow in float64 to a tolerance of 2e-12, with the multigrid cycle and with the fast inverse of a constant coefficient as
 the preconditioner. Writes results/surface.{json,md}. With --stretched it writes results/surface_stretched.{json,md}:
@@ -37,6 +37,12 @@ STEPS, BEFORE = 10, 40
 
 SALT = {"name": "salt", "diffusivity": 1e-5, "value": 1.0}
 """Dissolved in the water."""
+
+WARM = {
+    "surface": {"heat_capacity": 1007.0, "conductivity": 0.026, "temperature": 290.0},
+    "heat": {"fluid_heat_capacity": 4180.0, "fluid_conductivity": 0.6, "fluid_temperature": 350.0},
+}
+"""Warm water under cooler air."""
 
 ASPECTS = (1.0, 2.0, 4.0, 8.0)
 """Length of a cell over its height."""
@@ -122,6 +128,7 @@ def main() -> None:
         "two fluids": Flow(tables([128, 96], 833.0)),
         "two fluids, surface tension": Flow(tables([128, 96], 833.0, surface={"tension": 0.07})),
         "two fluids, a scalar in the water": Flow(tables([128, 96], 833.0, scalars=[SALT])),
+        "two fluids, temperatures": Flow(tables([128, 96], 833.0, **WARM)),
     }
     best = dict.fromkeys(flows, math.inf)
     for _ in range(repeats):
