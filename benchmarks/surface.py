@@ -1,11 +1,11 @@
 """Time of a fluid step with two fluids against that of one fluid on the same mesh, and iterations of the pressure.
 
 A column of water that collapses, in a box of 128 x 96 cells, float32, also with surface tension, with a scalar in the
-water that diffuses, and with temperatures; the one fluid is stirred by a lid. Steps of all are timed in turns in one process, in processor
-time, and the least of each counts. Iterations are those of the same
-flow in float64 to a tolerance of 2e-12, with the multigrid cycle and with the fast inverse of a constant coefficient as
-the preconditioner. Writes results/surface.{json,md}. With --stretched it writes results/surface_stretched.{json,md}:
-the iterations with the multigrid cycle in boxes that are longer, so that cells are.
+water that diffuses, and with temperatures; the one fluid is stirred by a lid. Steps of all are timed in turns in one
+process, in processor time, and the least of each counts. Iterations are those of the same flow in float64 to a
+tolerance of 2e-12, with the multigrid cycle and with the fast inverse of a constant coefficient as the preconditioner.
+Writes results/surface.{json,md}. With --stretched it writes results/surface_stretched.{json,md}: the iterations with
+the multigrid cycle in boxes that are longer, so that cells are.
 
     python benchmarks/surface.py [--repeats 5] [--stretched]
 """
