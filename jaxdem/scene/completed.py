@@ -52,7 +52,7 @@ def completed(scene: Scene) -> Scene:
     check_output(found.output, found.particles is not None, bool(found.walls))
     _check_gaps(found)
     _check_bonds(found)
-    if found.particles is not None:
+    if found.particles is not None and found.start is None:
         check_settling(found.particles.packs, found.domain, found.periodic)
     check_exits(found.boundary, found.particles is not None, found.fluid is not None)
     if found.fluid is not None:

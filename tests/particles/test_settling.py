@@ -127,3 +127,14 @@ def test_what_cannot_settle_is_refused(tables, key):
     with pytest.raises(InputError) as caught:
         jaxdem.load_scene(SCENE | tables)
     assert caught.value.key == key
+
+
+@pytest.mark.parametrize(
+    "domain", [{"gravity": [0.0, 0.0]}, {"gravity": [[0.0, -9.81], [9.81, 0.0]], "gravity_times": [0.0, 1.0]}]
+)
+def test_particles_that_have_settled_in_a_run_before_may_go_on_under_any_gravity(domain):
+    """A pack settles once: what it needs for that is no demand on the scenes that begin from its run."""
+    later = {"start": {"from": "before"}, "time": {"end": 0.2, "output_interval": 0.05}}
+    with pytest.raises(InputError):
+        jaxdem.load_scene(SCENE | {"domain": SCENE["domain"] | domain})
+    jaxdem.load_scene(later | {"domain": SCENE["domain"] | domain}, former=SCENE)
