@@ -9,6 +9,7 @@ import pytest
 
 import jaxdem
 from jaxdem import InputError
+from jaxdem.coupling.open_cells import seen_slope
 from jaxdem.fluid.cut_liquid import fraction_of_level, level_of
 from jaxdem.fluid.cut_two_fluids import CutTwoFluidSolver
 from jaxdem.numerics.static import static
@@ -132,6 +133,104 @@ def test_three_dimensions():
     found = run(scene, 8)
     assert found.codes == 0 and found.speed > 0.05
     assert found.missing < 1e-12 and found.beyond < 1e-10
+
+
+@static
+class WithFractions(CutTwoFluidSolver):
+    """What is beyond outlets stands beside the fractions of cut cells in place of their levels."""
+
+    def _level(self, properties, fraction):
+        return fraction
+
+
+def test_a_lake_between_outlets_at_its_level_is_at_rest():
+    """Also where a slope leaves through an outlet just below the surface, in the middle of a row; particles feel no
+    pressure along the surface there.
+
+    The negative control: with the fraction of the cut cell they would feel a hundredth of the weight and more.
+    """
+    slope = {"kind": "plane", "point": [0.3, 0.0], "normal": [-0.62, 1.0], "fluid": "no_slip"}
+    sides = {name: {"kind": "outlet", "level": 0.325} for name in ("left", "right")}
+    found = run(tank([slope], (16, 12), boundary=sides, surface={"level": 0.325}), 4)
+    assert found.codes == 0 and found.speed < 1e-11
+    solver, flow = found.simulation.fluid.solver, found.parameters.flow
+    weight = float(flow.density) * 9.81
+
+    def along(solver):
+        slope = seen_slope(solver.grid, solver.slope_at_particles(flow, found.end.fluid), flow.cut)
+        return float(jnp.abs(slope[0]).max()) / weight
+
+    assert along(solver) < 1e-9
+    fields = {f.name: getattr(solver, f.name) for f in dataclasses.fields(solver) if f.init}
+    assert along(WithFractions(**fields)) > 1e-2
+
+
+@COMBINATION
+def test_gradients_by_the_level_and_the_density_of_the_second_fluid():
+    """Of where a tilted lake on a slope sways to, and of a difference of pressures: reverse mode against central
+    differences."""
+    scene = jaxdem.load_scene(tank([BEACH], (12, 9)))
+    simulation, parameters = jaxdem.build(scene)
+    start, _ = jaxdem.initial_state(scene, simulation, parameters)
+    grid, cut = simulation.fluid.solver.grid, parameters.flow.cut
+    x, z = np.meshgrid(*(h * np.arange(n) for n, h in zip(grid.cells, grid.spacing, strict=True)), indexing="ij")
+
+    @jax.jit
+    def measured(given):
+        level, density = given
+        heights = jnp.clip((level + 0.1 * x - z) / grid.spacing[1], 0.0, 1.0)
+        fluid = start.fluid._replace(liquid_fraction=fraction_of_level(cut.layers, heights) * (cut.open_cells > 0.0))
+        second = parameters.fluid.second._replace(density=density)
+        now = parameters._replace(fluid=parameters.fluid._replace(second=second))
+
+        end = jaxdem.rollout(simulation, now, start._replace(fluid=fluid), None, 8).state.fluid
+        return jnp.stack([jnp.sum(cut.open_cells * end.liquid_fraction * x), end.pressure[8, 4] - end.pressure[0, 0]])
+
+    at, small = jnp.asarray([0.27, 50.0]), jnp.asarray([1e-5, 1e-2])
+    found = jax.jacrev(measured)(at)
+    for k in range(2):
+        step = jnp.zeros(2).at[k].set(small[k])
+        expected = (measured(at + step) - measured(at - step)) / (2.0 * small[k])
+        assert np.all(np.abs(np.asarray(expected)) > 0.0)
+        np.testing.assert_allclose(found[:, k], expected, rtol=1e-4)
+
+
+@COMBINATION
+def test_a_run_that_goes_on_is_the_whole_run_bit_for_bit(tmp_path):
+    """Grains that fall into a lake between a floor and a slope, float32."""
+    tables = grains_on_a_floor() | {"precision": "float32", "time": {"end": 0.08, "output_interval": 0.02}}
+    tables["particles"]["position"] = [[x, 0.07] for x in (0.006, 0.018, 0.03)]
+    half = tables | {"time": {"end": 0.04, "output_interval": 0.02}}
+    whole = jaxdem.simulate(jaxdem.load_scene(tables), tmp_path / "whole")
+    jaxdem.simulate(jaxdem.load_scene(half), tmp_path / "halves")
+    again = jaxdem.simulate(jaxdem.load_scene(tables), tmp_path / "halves", resume=True)
+    for part in ("particles", "fluid"):
+        one, other = getattr(whole, part)(-1), getattr(again, part)(-1)
+        assert sorted(one) == sorted(other) and len(one) > 3
+        for name in one:
+            np.testing.assert_array_equal(one[name], other[name], err_msg=name)
+
+
+SLAB = {
+    "kind": "mesh", "points": [[0.5, -0.1], [0.6, -0.1], [0.6, 0.7], [0.5, 0.7]],
+    "closed": True, "inside": False, "fluid": "no_slip",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("surface", "key"),
+    [
+        ({"level": None, "regions": [{"shape": "box", "start": [0.62, 0.0], "stop": [0.8, 0.4]}]}, "surface.regions"),
+        ({"level": 0.1, "density": 1.0}, "surface.level"),
+    ],
+)
+def test_liquid_in_spaces_that_are_left_out_alone_is_refused(surface, key):
+    """Beyond a slab that cuts the box in two, where no outlet reaches; within a floor."""
+    floor = {"kind": "plane", "point": [0.0, 0.15], "normal": [0.0, 1.0], "fluid": "no_slip"}
+    scene = jaxdem.load_scene(tank([SLAB if key.endswith("regions") else floor], (16, 12), surface=surface))
+    with pytest.raises(InputError) as caught:
+        jaxdem.initial_state(scene, *jaxdem.build(scene))
+    assert caught.value.key == key
 
 
 TURNS = {"motion": [{"kind": "rotation", "rate": 1.0}]}

@@ -36,7 +36,6 @@ from jaxdem.fluid.cut_projection import CutContinuity
 from jaxdem.fluid.cut_stress import seen_stress
 from jaxdem.fluid.fluid_state import FluidProperties, FluidState, FluidStep, ParticleFields
 from jaxdem.fluid.grid import CellOrOne, FaceField, face_average, face_control_volume, sum_of_fields
-from jaxdem.fluid.local_stress import largest_diffusivity
 from jaxdem.fluid.momentum_step import or_one
 from jaxdem.fluid.projection import product
 from jaxdem.fluid.second_fluid import SecondFluid, fluidity, inflow_of_sides, mixture_density, through_sides
@@ -76,10 +75,7 @@ class CutTwoFluidSolver(TwoFluidSolver):
         """See `FluidSolver.step`."""
         grid, second, cut = self.grid, required(properties.second, "second of the fluid"), _cut(properties)
         void_fraction = None if particles is None else particles.void_fraction
-        growth = jnp.zeros_like(state.pressure)
-        if void_fraction is not None:
-            rate = (void_fraction - required(state.void_fraction, "void_fraction of the fluid")) / time_step
-            growth = cut.growth(grid, rate, not self.boundary.has_outlet)
+        growth = self._growth(properties, state, void_fraction, time_step)
         continuity = CutContinuity(grid, self.boundary, growth, cut, jumps=True)
         velocity = state.face_velocity
         flux = product(cut.opened(face_average(grid, or_one(state.void_fraction))), velocity)
@@ -152,13 +148,6 @@ class CutTwoFluidSolver(TwoFluidSolver):
             self._least(properties, 1.0 + none),
         )[1]  # fmt: skip
 
-    def largest_viscosity(self, properties: FluidProperties, state: FluidState, time: Array) -> Array:
-        """See `TwoFluidSolver.largest_viscosity`."""
-        second, level = required(properties.second, "second"), self._level(properties, state.liquid_fraction)
-        density = face_average(self.grid, mixture_density(second, properties.density, level))
-        there = fluidity(second, properties.density, properties.viscosity, level)
-        return largest_diffusivity(self.grid, there, density)
-
     def _carried_between_walls(
         self,
         second: SecondFluid,
@@ -180,10 +169,14 @@ class CutTwoFluidSolver(TwoFluidSolver):
         fraction = required(state.liquid_fraction, "liquid_fraction of the fluid")
         return advance_fraction(self.grid, fraction, carrier, time_step, second.number_at(time, time_step))
 
-    def _level(self, properties: FluidProperties, fraction: Array | None) -> Array:
-        """The fraction of whole cells, walls included; see `cut_liquid`."""
+    def _level(self, properties: FluidProperties, fraction: Array) -> Array:
+        """That of whole cells, walls included; see `cut_liquid`."""
         cut = _cut(properties)
-        return beyond_walls(self.grid, cut, level_of(cut, required(fraction, "liquid_fraction of the fluid")))
+        return beyond_walls(self.grid, cut, level_of(cut, fraction))
+
+    def _taken_up(self, properties: FluidProperties, rate: Array) -> Array:
+        """See `CutCells.growth`."""
+        return _cut(properties).growth(self.grid, rate, not self.boundary.has_outlet)
 
     def _content(
         self, properties: FluidProperties, cut: CutCells, fraction: Array, void_fraction: Array | None

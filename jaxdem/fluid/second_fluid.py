@@ -103,24 +103,33 @@ def outside_pressure(
     the level L, in one atmosphere of the second fluid for all sides. c is the liquid fraction of the cell at the side:
     liquid that stands higher outside than inside slumps there, and does not push gas with the weight of its depth.
 
+    In the row of the level, of which the part b is below it, min(b, 1 - b) min(c/b, 1) h/2 is added to z: so high is
+    the pressure there in layers at rest, whose weight between two rows is that of their mean density.
+
     Args:
         grid: the grid.
         second: the second fluid.
         density: of the liquid [kg/m3].
         gravity: (D,), its last entry counts [m/s2].
         side: of the box.
-        fraction: c on the cells [-].
+        fraction: c on the cells, of whole ones where walls cut them [-].
     """
     last, dtype = grid.dimension - 1, density.dtype
+    beside = along(fraction, side.axis, *((-1, None) if side.upper else (0, 1)))
+    share: Array | float = 0.0
     if side.axis == last:
         height = jnp.full((1,) * grid.dimension, grid.size[last] if side.upper else 0.0, dtype)
     else:
         middles = grid.spacing[last] * (np.arange(grid.whole_cells[last]) + 0.5)
         height = of_slab(grid, _upright(grid, middles), dtype)
+        below = liquid_beyond(grid, second, side.axis, side.upper)
+        partly = below > 0.0
+        share = jnp.where(partly, jnp.minimum(1.0, 1.0 / jnp.where(partly, below, 1.0) - 1.0), 0.0)
+        share = share * jnp.clip(beside, 0.0, below)
     level = second.side_level[2 * side.axis + side.upper]
-    beside = along(fraction, side.axis, *((-1, None) if side.upper else (0, 1)))
     wet = jnp.clip(2.0 * beside, 0.0, 1.0)
-    return (second.density - density) * gravity[last] * (height + jnp.maximum(level - height, 0.0) * wet)
+    above = height + jnp.maximum(level - height, 0.0) * wet + 0.5 * grid.spacing[last] * share
+    return (second.density - density) * gravity[last] * above
 
 
 def with_outside_pressure(

@@ -90,7 +90,8 @@ class TwoFluidSolver(FluidSolver):
         """See `FluidSolver.step`."""
         grid, second = self.grid, required(properties.second, "second of the fluid")
         void_fraction = None if particles is None else particles.void_fraction
-        continuity = Continuity(grid, self.boundary, self._growth(state, void_fraction, time_step), jumps=True)
+        growth = self._growth(properties, state, void_fraction, time_step)
+        continuity = Continuity(grid, self.boundary, growth, jumps=True)
         flux = product(face_average(grid, or_one(state.void_fraction)), state.face_velocity)
         if void_fraction is not None:
             flux = continuity.corrected(flux)
@@ -153,9 +154,10 @@ class TwoFluidSolver(FluidSolver):
 
     def largest_viscosity(self, properties: FluidProperties, state: FluidState, time: Array) -> Array:
         """() largest viscosity over density, with those of a cell and of the faces around it [m2/s]."""
-        second, fraction = required(properties.second, "second"), required(state.liquid_fraction, "liquid_fraction")
-        density = face_average(self.grid, mixture_density(second, properties.density, fraction))
-        there = fluidity(second, properties.density, properties.viscosity, fraction)
+        second = required(properties.second, "second")
+        level = self._level(properties, required(state.liquid_fraction, "liquid_fraction"))
+        density = face_average(self.grid, mixture_density(second, properties.density, level))
+        there = fluidity(second, properties.density, properties.viscosity, level)
         return largest_diffusivity(self.grid, there, density)
 
     def slope_at_particles(self, properties: FluidProperties, state: FluidState) -> FaceField:
@@ -169,19 +171,30 @@ class TwoFluidSolver(FluidSolver):
         gravity = required(properties.gravity, "gravity of the fluid")
         slope = super().slope_at_particles(properties, state)
         fraction = required(state.liquid_fraction, "liquid_fraction of the fluid")
-        slope = with_outside_pressure(self.grid, self.boundary, second, properties.density, gravity, slope, fraction)
+        level = self._level(properties, fraction)
+        slope = with_outside_pressure(self.grid, self.boundary, second, properties.density, gravity, slope, level)
         if not self.has_tension:
             return slope
         pull = surface_tension_gradient(self.grid, fraction, second.tension)
         pull = with_closed_sides(self.grid, self.boundary, pull)
         return tuple(s - t for s, t in zip(slope, pull, strict=True))
 
-    def _growth(self, state: FluidState, void_fraction: Array | None, time_step: Array) -> Array | float:
-        """d(g)/dt, whose mean in a closed box is rounding [1/s]."""
+    def _level(self, properties: FluidProperties, fraction: Array) -> Array:
+        """The liquid fraction that weighs: of whole cells."""
+        return fraction
+
+    def _growth(
+        self, properties: FluidProperties, state: FluidState, void_fraction: Array | None, time_step: Array
+    ) -> Array | float:
+        """Rate of change of the volume of the fluids in every cell, over that of a whole cell [1/s]."""
         if void_fraction is None:
             return 0.0
-        growth = (void_fraction - required(state.void_fraction, "void_fraction of the fluid")) / time_step
-        return growth if self.boundary.has_outlet else growth - box_mean(self.grid, growth)
+        rate = (void_fraction - required(state.void_fraction, "void_fraction of the fluid")) / time_step
+        return self._taken_up(properties, rate)
+
+    def _taken_up(self, properties: FluidProperties, rate: Array) -> Array:
+        """That of a rate of the void fraction, whose mean in a closed box is rounding [1/s]."""
+        return rate if self.boundary.has_outlet else rate - box_mean(self.grid, rate)
 
     def _carried_fraction(
         self,

@@ -102,9 +102,20 @@ def resting_fluid(scene: Scene, solver: FluidSolver, parameters: Parameters, voi
         fraction, cut = first_fraction(scene, solver.grid), parameters.flow.cut
         if cut is not None:
             fraction = liquid_beside_walls(cut, fraction)
+            _check_liquid(scene, float(np.sum(fraction)))
         fluid = with_liquid(fluid, solver.grid, fraction, dtype, cut)
         fluid = fluid._replace(pressure=jax.jit(solver.resting_pressure)(parameters.flow, fluid))
     return fluid
+
+
+def _check_liquid(scene: Scene, liquid: float) -> None:
+    """Refuses two fluids whose liquid walls leave out as a whole, where none comes in."""
+    if liquid > 0.0 or any(side.level for side in scene.boundary.values()):
+        return
+    regions = bool(required(scene.surface, "surface").regions)
+    key, value = ("surface.regions", "...") if regions else ("surface.level", required(scene.surface, "surface").level)
+    limit = "puts liquid nowhere but within walls, or into a space that is left out because no outlet reaches it"
+    raise InputError(key, value, limit, "put liquid into the largest space, or open its own space by an outlet")
 
 
 def _beside_walls(cut: CutCells, velocity: tuple[float, ...], dtype: DTypeLike) -> tuple[Array, ...]:
