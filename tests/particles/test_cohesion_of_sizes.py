@@ -6,14 +6,13 @@ import copy
 import math
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxdem
 from jaxdem.particles.adhesion import JohnsonKendallRoberts
 from jaxdem.particles.capillary_bridge import CapillaryBridge
-from tests.cases.worlds import World, constants, forces, world
+from tests.cases.worlds import World, batch, constants, forces, track, world
 from tests.particles.test_cohesion import JKR, KINDS, tables_of
 
 SMALL, RATIO, WORK, MODULUS = 1e-3, 3.0, 0.1, 1e7
@@ -24,26 +23,26 @@ TOGETHER = SMALL * LARGE / (SMALL + LARGE)
 EFFECTIVE = MODULUS / (2.0 * (1.0 - 0.3**2))
 
 
+def small_and_large(kind, gap, held, numbers, liquid=None):
+    """A small and a large sphere with a gap between them; `held` is what the contact remembers."""
+    made = world(
+        [[0.0, 0.0, 0.0], [SMALL + LARGE + gap, 0.0, 0.0]], radius=np.array([SMALL, LARGE]), walls=False,
+        rebuild=False, cohesion=kind, material=constants(young_modulus=MODULUS, cohesion=numbers), liquid=liquid,
+    )  # fmt: skip
+    *springs, memory = made.state.contact_spring
+    state = made.state._replace(contact_spring=(*springs, memory.at[0].set(held)))
+    return made._replace(state=state)
+
+
 def pulls(kind, gaps, held, numbers):
-    """Force that draws a small and a large sphere together, at gaps [N]; `held` is what the contact remembers."""
-
-    def one(gap):
-        made = world(
-            [[0.0, 0.0, 0.0], [SMALL + LARGE + gap, 0.0, 0.0]], radius=np.array([SMALL, LARGE]), walls=False,
-            rebuild=False, cohesion=kind, material=constants(young_modulus=MODULUS, cohesion=numbers),
-        )  # fmt: skip
-        *springs, memory = made.state.contact_spring
-        state = made.state._replace(contact_spring=(*springs, memory.at[0].set(held)))
-        return made._replace(state=state)
-
-    worlds = [one(gap) for gap in gaps]
-    stacked = jax.tree.map(lambda *x: jnp.stack(x), *(tuple(made[1:]) for made in worlds))
-    made = worlds[0]
+    """Force that draws both spheres together, at gaps [N]."""
+    worlds = [small_and_large(kind, gap, held, numbers) for gap in gaps]
+    made, stacked = worlds[0], batch(worlds)
 
     def force(arrays):
         return forces(World(made.interval, *arrays))[0][0, 0]
 
-    return np.asarray(jax.jit(jax.vmap(force))(stacked))
+    return np.asarray(jax.jit(jax.vmap(force))(tuple(stacked[1:])))
 
 
 def test_unequal_spheres_part_at_three_halves_of_pi_w_r():
@@ -60,12 +59,24 @@ def test_a_bridge_between_unequal_spheres():
     """Pull by Willett et al. with R = 2 R*; nothing without a bridge."""
     tension, angle, volume = 0.07, 0.3, 1e-13
     end = (1.0 + 0.5 * angle) * volume ** (1 / 3)
-    gaps = np.array([1e-9, 0.1, 0.5, 0.99]) * np.array([1.0, end, end, end])
+    gaps = np.array([1e-9, 0.1, 0.5, 1.0 - 1e-6]) * np.array([1.0, end, end, end])
     numbers = {"strength": tension, "contact_angle": angle, "bridge_share": 0.05, "largest_film": 1e-12}
     scaled = gaps * math.sqrt(2.0 * TOGETHER / volume)
     expected = 4.0 * math.pi * TOGETHER * tension * math.cos(angle) / (1.0 + 1.05 * scaled + 2.5 * scaled**2)
     np.testing.assert_allclose(pulls(CapillaryBridge(), gaps, volume, numbers), expected, rtol=1e-12)
     assert np.all(pulls(CapillaryBridge(), gaps, 0.0, numbers) == 0.0)
+
+
+def test_a_bridge_between_unequal_spheres_ruptures():
+    """At h = (1 + t/2) V^(1/3) by Lian et al., whatever the sizes; either sphere then gets half of its liquid."""
+    angle, volume = 0.3, 1e-13
+    end = (1.0 + 0.5 * angle) * volume ** (1 / 3)
+    numbers = {"strength": 0.07, "contact_angle": angle, "bridge_share": 0.05, "largest_film": 1e-12}
+    gaps = end * np.array([1.0 - 1e-6, 1.0 + 1e-6])
+    worlds = [small_and_large(CapillaryBridge(), gap, volume, numbers, [0.0, 0.0]) for gap in gaps]
+    after = track(batch(worlds), np.full(2, 1e-12), 1)[0].state
+    np.testing.assert_array_equal(after.contact_spring[-1][:, 0], [volume, 0.0])
+    np.testing.assert_array_equal(after.liquid, [[0.0, 0.0], [0.5 * volume, 0.5 * volume]])
 
 
 @pytest.mark.parametrize("kind", ["jkr", "capillary", "van_der_waals"])
