@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 import trimesh
 
+import jaxdem
+from jaxdem.setup.builder import build_case
 from tests.cases.energy import BOX, RADIUS, balance_of, with_tables
 from tests.cases.surfaces import flight, grains_scene, plane_mesh, saved
-from tests.cases.tiers import tiered
+from tests.cases.tiers import COMBINATION, tiered
 
 KINDS = {
     "jkr": {"cohesion": {"kind": "jkr", "work_of_adhesion": 0.05}},
@@ -146,3 +150,69 @@ def test_van_der_waals_round_a_cube(tmp_path):
     found = flight(tables, 1).force[0]
     least = expected[expected > 0.0].min()
     np.testing.assert_allclose(found, -expected[:, None] * direction, rtol=1e-9, atol=1e-9 * least)
+
+
+@pytest.mark.parametrize(("smooth_angle", "sides"), [(10.0, 1), (1.0, 2)])
+def test_a_smooth_bend_attracts_as_one_surface(smooth_angle, sides):
+    """A grain before the corner of two lines that bend by 7.5 degrees, as seen in a pipe of 48 sides: the sum of two
+    attractions, each towards its line, only where the corner counts as an edge."""
+    bend, gap, hamaker, step = np.radians(7.5), 1e-4, 1e-9, 1e-7
+    along = np.array([np.cos(0.5 * bend), np.sin(0.5 * bend)])
+    corner = np.array([0.01, 0.005])
+    points = [corner + 0.03 * along * [-1.0, 1.0], corner, corner + 0.03 * along]
+    centre = corner + [0.0, (RADIUS + gap) / along[0]]
+    wall = {"kind": "mesh", "points": [point.tolist() for point in points], "smooth_angle": smooth_angle}
+    cohesion = {"kind": "van_der_waals", "hamaker_constant": hamaker, "minimum_gap": 2e-5, "cutoff": 4e-4}
+    tables = with_tables(
+        IN_PLANE, domain={"size": [0.02, 0.02], "gravity": [0.0, 0.0]}, walls=[wall],
+        particles={"position": [centre.tolist()], "velocity": [[0.0, 0.0]], "angular_velocity": [[0.0]]},
+        contact={"cohesion": cohesion, "time_step": step}, output={"energy": False},
+        time={"end": step, "output_interval": step},
+    )  # fmt: skip
+    force = flight(tables, 1).force[0, 0]
+    pull = hamaker * RADIUS / (6.0 * gap**2)
+    expected = {1: [pull * along[1], pull * along[0]], 2: [0.0, 2.0 * pull * along[0]]}[sides]
+    np.testing.assert_allclose(np.abs(force), expected, rtol=1e-9, atol=1e-9 * pull)
+
+
+def test_every_impact_under_one_bridge_wears_the_mesh(tmp_path):
+    """A wet grain that rebounds twice by less than its bridge is long: Finnie's law counts two impacts."""
+    wear = {"wear": {"model": "finnie", "coefficient": 0.1, "flow_stress": 1e9}}
+    cohesion = {"kind": "capillary", "surface_tension": 0.002, "liquid_content": 0.01}
+    tables = with_tables(
+        IN_SPACE, contact={"cohesion": cohesion, "restitution": 0.95, "friction": 0.0}, output={"energy": False},
+        particles={"position": [[0.01, 0.01, HEIGHT + 1.02 * RADIUS]], "velocity": [[0.3, 0.0, -0.03]],
+                   "angular_velocity": [[0.0, 0.0, 0.0]]},
+        walls=[planes_of(3, tmp_path, 2)[1] | wear], coupling={"interval": 3e-3},
+        time={"end": 0.012, "output_interval": 0.012},
+    )  # fmt: skip
+    case = build_case(jaxdem.load_scene(tables))
+    (state, neighbors), worn, bridges, step = case.initial_state(), [], [], jax.jit(case.simulation.step)
+    for _ in range(4):
+        state, neighbors, _ = step(case.parameters, state, neighbors)
+        worn.append(float(np.sum(state.particles.mesh_wear[0].volume)))
+        bridges.append(float(np.sum(state.particles.mesh_memory[0].spring[-1])))
+    assert worn[0] > 0.0 and len(set(bridges)) == 1 and bridges[0] > 0.0
+    assert 1.8 < worn[-1] / worn[0] < 2.2
+
+
+@COMBINATION
+def test_the_gradient_by_the_work_of_adhesion_is_that_of_differences():
+    """Of the speed of two grains after they have touched a mesh, in reverse mode."""
+    times = {"coupling": {"interval": 4e-4}, "time": {"end": 4e-4, "output_interval": 4e-4}}
+    mesh = planes_of(2, None, 40)[1]
+    tables = with_tables(IN_PLANE, contact=KINDS["jkr"], walls=[mesh], output={"energy": False}, **times)
+    case = build_case(jaxdem.load_scene(tables))
+    simulation, start = case.simulation.reversible(), case.initial_state()
+
+    def speed(work):
+        contact = case.parameters.contact
+        contact = contact._replace(cohesion=contact.cohesion._replace(strength=work))
+        state = simulation.step(case.parameters._replace(contact=contact), *start)[0]
+        return jnp.sum(state.particles.velocity[:2, 1])
+
+    both, own = jax.jit(jax.value_and_grad(speed)), case.parameters.contact.cohesion.strength
+    more, less = (float(both(own * (1.0 + sign * 1e-4))[0]) for sign in (1.0, -1.0))
+    slope = float(both(own)[1])
+    assert abs(slope) > 0.01
+    assert slope == pytest.approx((more - less) / (2e-4 * float(own)), rel=1e-5)
