@@ -171,19 +171,32 @@ def fronts(run: Run) -> np.ndarray:
 def area_fraction(setup: Setup, column: Path, width: float) -> tuple[float, float]:
     """Area fraction of the column at rest away from its edges, and its height over its width [-]."""
     run = jaxdem.load_run(column)
-    frame = run.particles(-1)
+    return inner_fraction(setup, run, -1, width), middle(run, -1)[1] * 2.0 / width
+
+
+def middle(run: Run, index: int) -> np.ndarray:
+    """(2,) centre of area of the grains [m]."""
+    frame = run.particles(index)
+    radius = np.asarray(frame["radius"], float)
+    return np.asarray(radius**2 @ np.asarray(frame["position"], float)[:, :2] / np.sum(radius**2))
+
+
+def inner_fraction(setup: Setup, run: Run, index: int, width: float | None = None) -> float:
+    """Area fraction of an upright block of grains in the corner of the box, away from its edges [-]; its width is twice
+    the height of its centre from the wall unless given [m]."""
+    size, frame = 2.0 * middle(run, index), run.particles(index)
+    size[0] = size[0] if width is None else width
     position = np.asarray(frame["position"], float)[:, :2]
     radius = np.broadcast_to(np.asarray(frame["radius"], float), len(position))
-    height = 2.0 * float(position[:, 1] @ radius**2 / np.sum(radius**2))
-    low, high = 3.0 * setup.diameter, np.array([width, height]) - 3.0 * setup.diameter
+    low, high = 3.0 * setup.diameter, size - 3.0 * setup.diameter
     # The part of every disc within the box, by the points of a lattice.
     side = np.linspace(0.0, 1.0, 201)
     x, z = np.meshgrid(low + side * (high[0] - low), low + side * (high[1] - low), indexing="ij")
     covered = np.zeros(x.shape, bool)
     for (cx, cz), r in zip(position, radius, strict=True):
-        near = (np.abs(x[:, 0] - cx) < r)[:, None] & (np.abs(z[0] - cz) < r)[None]
+        near = np.ix_(np.abs(x[:, 0] - cx) < r, np.abs(z[0] - cz) < r)
         covered[near] |= np.hypot(x[near] - cx, z[near] - cz) < r
-    return float(covered.mean()), height / width
+    return float(covered.mean())
 
 
 def wave_heights(setup: Setup, run: Run, front: np.ndarray) -> np.ndarray:
