@@ -13,6 +13,7 @@ import pytest
 from jaxdem import build, load_scene
 from jaxdem.check.cautions import cautions
 from jaxdem.check.check import check_scene
+from jaxdem.check.compile_cost import compile_seconds
 from jaxdem.check.engineering import DragInFluid, screen_load
 from jaxdem.check.run_cost import FACTOR, run_cost
 from jaxdem.check.unit_warnings import unit_warnings
@@ -143,6 +144,16 @@ def test_the_estimate_is_within_its_factor_of_what_was_measured():
     measured = 75.0 * 5.0
     assert measured / FACTOR < cost.total < FACTOR * measured
     assert 0.85 < cost.contacts / (cost.contacts + cost.fluid) < 0.99
+
+
+COMPILED = {"chute": 4.0, "cavity": 8.4, "dam_break": 18.7, "injection": 24.7, "pier": 39.2, "slide_into_lake": 55.4}
+"""Processor time of a run of one coupling interval with an empty cache [s]."""
+
+
+@pytest.mark.parametrize("name", COMPILED)
+def test_the_time_to_compile_goes_by_what_is_in_the_program(name):
+    simulation, _ = build(load_scene(SCENES / f"{name}.toml"))
+    assert compile_seconds(simulation) == pytest.approx(COMPILED[name], rel=0.2)
 
 
 def test_one_large_grain_among_small_ones_is_dear_and_said_so():

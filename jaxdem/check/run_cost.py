@@ -7,6 +7,7 @@ import math
 
 import jax
 
+from jaxdem.check.compile_cost import compile_seconds
 from jaxdem.fluid.two_fluids import TwoFluidSolver
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.particles.usual_room import USUAL_PAIRS, USUAL_SLOTS
@@ -28,7 +29,7 @@ class Costs:
         among_grains: of a fluid step among grains over one without: more iterations, and further fluid steps where it
             is fast.
         output: of a frame, its files and its share of checkpoints.
-        compiling: of both programs of a step, about, with an empty cache.
+        compiling: over what `compile_seconds` says of a processor [-].
         basis: where the figures are from.
     """
 
@@ -58,7 +59,7 @@ CPU = Costs(
     exchange=1e-6,
     among_grains=2.0,
     output=0.1,
-    compiling=25.0,
+    compiling=1.0,
     basis="one core of an AMD EPYC, AVX2",
 )
 
@@ -72,7 +73,7 @@ GPU = Costs(
     exchange=1e-9,
     among_grains=2.0,
     output=0.1,
-    compiling=30.0,
+    compiling=1.2,
     basis="an NVIDIA H100",
 )
 
@@ -88,7 +89,7 @@ class RunCost:
         contacts: of all contact steps.
         fluid: of all fluid steps and exchanges.
         output: of all frames.
-        compiling: before, with an empty cache.
+        compiling: before, with an empty cache, about.
         over_equal: cost of a contact step over that of as many equal grains, from the pairs that the list holds [-].
         slots: neighbours of one grain that the list has room for.
         basis: machine of the measured costs.
@@ -139,4 +140,5 @@ def run_cost(simulation: Simulation, neighbors: Neighbors | None) -> RunCost:
         step *= TWO_FLUIDS if isinstance(simulation.fluid.solver, TwoFluidSolver) else 1.0
         fluid = intervals * (step * (costs.among_grains if count else 1.0) + costs.exchange * count)
     output = costs.output * (steps.outputs + 1)
-    return RunCost(contacts, fluid, output, costs.compiling, over_equal, slots, costs.basis)
+    compiling = costs.compiling * compile_seconds(simulation)
+    return RunCost(contacts, fluid, output, compiling, over_equal, slots, costs.basis)

@@ -230,7 +230,10 @@ def _wall_time(report: CheckReport) -> Iterable[tuple[str, str]]:
     if report.processes is not None and report.processes.shorter is not None:
         several, times = report.processes.number, report.processes.shorter
         yield "contacts use one core", f"about {times:.2g} times as fast with --processes {several} (docs/devices.md)"
-    yield "compilation", f"about {cost.compiling:.2g} s the first time, in addition"
+    yield (
+        "compilation",
+        f"about {cost.compiling:.2g} s of a core the first time, in addition; more with meshes and learned closures",
+    )
     text = f"costs per particle, pair and cell, measured on {cost.basis}"
     yield "basis", f"{text}; without learned closures"
 
