@@ -9,7 +9,6 @@ import numpy as np
 from jaxdem.coupling.coupled import Coupling
 from jaxdem.coupling.interpolation import halo_layers
 from jaxdem.errors import InputError
-from jaxdem.fluid.cut_two_fluids import CutTwoFluidSolver
 from jaxdem.fluid.grid import Grid
 from jaxdem.fluid.two_fluids import TwoFluidSolver
 from jaxdem.numerics.axes import AXES
@@ -105,8 +104,6 @@ def _reason(simulation: Simulation, number: int, axis: int) -> str | None:
     if simulation.fluid is None:
         return None
     solver = simulation.fluid.solver
-    if isinstance(solver, CutTwoFluidSolver):
-        return "[surface] beside walls that the fluid sees works on one device"
     reason = _uneven(solver.grid, number, axis, "fluid.cells")
     if reason is None and isinstance(solver, TwoFluidSolver) and solver.grid.cells[axis] // number % OF_TWO_FLUIDS:
         reason = (

@@ -71,12 +71,20 @@ def _of_first(array: Array) -> Any:
 
 def cut_in_slabs(blocks: Blocks, cut: CutCells) -> CutCells:
     """The open parts of the mesh of every slab, arrays of NumPy, from those of the whole box at the start of a run."""
-    return _each_part_of_cut(blocks, cut, partial(cells_in_slabs, blocks), partial(_everywhere, blocks))
+    found = _each_part_of_cut(blocks, cut, partial(cells_in_slabs, blocks), partial(_everywhere, blocks))
+    if cut.layers is None:
+        return found
+    layers: Any = np.stack([cells_in_slabs(blocks, layer) for layer in np.asarray(cut.layers)], axis=1)
+    return found._replace(layers=layers)
 
 
 def cut_of_slabs(blocks: Blocks, cut: CutCells) -> CutCells:
     """The open parts of the mesh of the whole box, arrays of NumPy: the inverse of `cut_in_slabs`."""
-    return _each_part_of_cut(blocks, cut, partial(cells_of_slabs, blocks), _of_first)
+    found = _each_part_of_cut(blocks, cut, partial(cells_of_slabs, blocks), _of_first)
+    if cut.layers is None:
+        return found
+    layers: Any = np.stack([cells_of_slabs(blocks, layer) for layer in np.moveaxis(np.asarray(cut.layers), 1, 0)])
+    return found._replace(layers=layers)
 
 
 def still_in_slabs(blocks: Blocks, still: StillDistances, divided: Sequence[bool]) -> StillDistances:

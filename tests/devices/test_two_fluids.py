@@ -13,6 +13,7 @@ from jaxdem.fluid.slabs import cells_in_slabs, cells_of_slabs
 from jaxdem.numerics.blocks import Blocks
 from tests.cases.fluid_slabs import ALONG_X, SLABS, places, run_on_slabs
 from tests.cases.slabs import apart
+from tests.cases.surface_beside_walls import broken_dam
 from tests.cases.tiers import COMBINATION
 
 CHANNEL = {
@@ -102,6 +103,72 @@ def test_two_fluids_are_those_of_one_device(tables, number, axis):
     for name in ("position", "velocity", "fluid_force"):
         assert apart(getattr(state.particles, name), getattr(whole.particles, name)) < 1e-10, name
     assert np.abs(supplied[1:3]).min() > 0.0
+
+
+def falling_grains():
+    """Grains that fall into a lake, between a floor and a slope."""
+    floor = {"kind": "plane", "point": [0.0, 0.0135], "normal": [0.0, 1.0], "fluid": "no_slip"}
+    slope = {"kind": "plane", "point": [0.048, 0.0135], "normal": [-1.0, 0.7], "fluid": "no_slip"}
+    return {
+        "precision": "float64",
+        "domain": {"size": [0.06, 0.12], "depth": 0.01},
+        "particles": {
+            "radius": 4e-3, "density": 2500.0, "velocity": [[0.0, -0.4]] * 3,
+            "position": [[0.006, 0.07], [0.018, 0.045], [0.03, 0.0385]],
+        },
+        "contact": {"young_modulus": 2e5, "friction": 0.3, "speed": 0.5},
+        "fluid": {"cells": [6, 12], "density": 1000.0, "viscosity": 1e-2, "time_step": 1e-3},
+        "surface": {"density": 1.0, "viscosity": 1e-2, "level": 0.0647},
+        "coupling": {"drag": "stokes", "interval": 1e-3},
+        "walls": [floor, slope],
+        "time": {"end": 5.0, "output_interval": 0.1},
+    }  # fmt: skip
+
+
+COLUMN = {"density": 1.0, "viscosity": 1.5e-5, "regions": [{"shape": "box", "start": [0.0, 0.0], "stop": [0.39, 0.4]}]}
+ROLLING = broken_dam((16, 16)) | {"surface": COLUMN}
+"""A column of water, up to the border between two slabs, that breaks on a slope and a round body across it."""
+
+
+@pytest.mark.parametrize(
+    ("tables", "number", "axis", "intervals"),
+    [
+        (ROLLING, 2, 0, 30),
+        pytest.param(ROLLING, 4, 1, 30, marks=COMBINATION),
+        pytest.param(falling_grains(), 3, 1, 30, marks=COMBINATION),
+    ],
+    ids=["a dam breaks", "slabs of height", "grains"],
+)
+def test_two_fluids_beside_walls_are_those_of_one_device(tables, number, axis, intervals):
+    """Fields and loads on the walls within 1e-10, with as many iterations of the pressure; nothing is gathered. The
+    parts of the mesh come back from the slabs as they were."""
+    scene = jaxdem.load_scene(tables)
+    simulation, parameters = jaxdem.build(scene)
+    state, neighbors = jaxdem.initial_state(scene, simulation, parameters)
+    position = None if state.particles is None else state.particles.position
+    divided = devices.divided(simulation, number, position, axis=axis)
+    own = divided.with_parts(parameters)
+    for back, whole in zip(jax.tree.leaves(divided.of_whole(own)), jax.tree.leaves(parameters), strict=True):
+        np.testing.assert_array_equal(back, whole)
+    slabs, lists = devices.distributed(divided, own, state, neighbors)
+    first = np.asarray(state.fluid.liquid_fraction)
+    one, many = jax.jit(simulation.step), jax.jit(divided.step).lower(own, slabs, lists).compile()
+    assert "all-gather" not in many.as_text()
+    for _ in range(intervals):
+        state, neighbors, report = one(parameters, state, neighbors)
+        slabs, lists, figures = many(own, slabs, lists)
+        assert figures.fluid.converged and figures.fluid.iterations == report.fluid.iterations
+    whole, _ = devices.gathered(divided, slabs, lists)
+    for (path, expected), found in zip(
+        jax.tree_util.tree_flatten_with_path(state.fluid)[0], jax.tree.leaves(whole.fluid), strict=True
+    ):
+        assert apart(expected, found) < 1e-10, jax.tree_util.keystr(path)
+    assert apart(report.fluid.surface_load, figures.fluid.surface_load) < 1e-10
+    moved = np.moveaxis(np.abs(np.asarray(state.fluid.liquid_fraction) - first), axis, 0)
+    assert max(part.max() for part in np.split(moved, number)[1:]) > 0.01, "beyond the first slab"
+    if state.particles is not None:
+        for name in ("position", "velocity", "fluid_force"):
+            assert apart(getattr(state.particles, name), getattr(whole.particles, name)) < 1e-10, name
 
 
 def test_the_multigrid_cycle_is_that_of_one_device():
