@@ -148,6 +148,8 @@ def carried(values: Vector, old: MeshList, new: MeshList, count: int) -> Vector:
         new: list with C' contacts and M' rows.
         count: N, number of grains.
     """
+    if not values:
+        return ()
     rows = old.row.shape[0]
     place = jnp.full(count + 1, rows, jnp.int32).at[old.row].set(jnp.arange(rows, dtype=jnp.int32))
     place = place.at[count].set(rows)
