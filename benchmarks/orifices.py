@@ -5,6 +5,9 @@ The flow is the slope of the mass that has left between two times, grains lying 
 
     python benchmarks/orifices.py [--grains 4000] [--radius 9.5] [--diameter 0.004] [--folder runs]
     python benchmarks/orifices.py --fit      the fits alone, to the flows of the results
+    python benchmarks/orifices.py --radius 20 --grains 25000 --orifices 5 8 12 16 --name orifices_wide --folder runs
+
+With --folder what is there is used again, and a run that was stopped goes on.
 
 The spheres of 4 mm are for a few minutes on one core: orifices of 5 to 8 diameters. All lengths are in diameters, so
 --diameter changes the scale alone.
@@ -88,7 +91,7 @@ def flow(width: float, filled: Path, given: argparse.Namespace, folder: Path) ->
     scene |= {"start": {"from": str(filled)}, "time": {"end": begin + given.end, "output_interval": 0.01}}
     del scene["particles"]["pack"]
     before = time.process_time()
-    run = jaxdem.simulate(jaxdem.load_scene(scene), folder / name)
+    run = jaxdem.simulate(jaxdem.load_scene(scene), folder / name, resume=(folder / name).exists())
     seconds = time.process_time() - before
     passed, removed = np.asarray(run.history["time"]) - begin, np.asarray(run.history["removed"])
     steady = (passed >= BEGIN) & (removed <= given.grains / 3)
@@ -141,11 +144,13 @@ def main() -> None:
     parser.add_argument("--radius", type=float, default=9.5, help="of the silo, in diameters of a grain")
     parser.add_argument("--diameter", type=float, default=0.004, help="of a grain [m]")
     parser.add_argument("--end", type=float, default=0.4)
+    parser.add_argument("--orifices", type=float, nargs="+", default=ORIFICES, help="in diameters of a grain")
+    parser.add_argument("--name", default="orifices", help="of the files of the results")
     parser.add_argument("--folder", type=Path)
     parser.add_argument("--fit", action="store_true")
     given = parser.parse_args()
     if given.fit:
-        print(fitted(json.loads((harness.RESULTS / "orifices.json").read_text())["rows"], given.diameter))
+        print(fitted(json.loads((harness.RESULTS / f"{given.name}.json").read_text())["rows"], given.diameter))
         return
     with tempfile.TemporaryDirectory() as temporary:
         folder = given.folder or Path(temporary)
@@ -156,7 +161,7 @@ def main() -> None:
             jaxdem.simulate(jaxdem.load_scene(tables(given)), filled)
             print(f"filled: {time.process_time() - before:.0f} s", flush=True)
         rows = []
-        for orifice in ORIFICES:
+        for orifice in given.orifices:
             rows.append(flow(orifice, filled, given, folder))
             print(rows[-1], flush=True)
         top = float(np.quantile(jaxdem.load_run(filled).particles(0)["position"][:, 2], 0.99))
@@ -169,7 +174,7 @@ def main() -> None:
         f"\nExponent of D - 1.4 d: {exponent:.3f}; {given.grains} grains, {top / given.diameter - FLOOR:.0f} d high."
     )
     lines.append("\n" + fitted(rows, given.diameter))
-    harness.save("orifices", {"rows": rows, "exponent": exponent, "grains": given.grains}, "\n".join(lines))
+    harness.save(given.name, {"rows": rows, "exponent": exponent, "grains": given.grains}, "\n".join(lines))
     print("\n".join(lines))
 
 
