@@ -53,7 +53,12 @@ def of_sizes(cohesion: dict[str, Any] | None, ratio: float) -> dict[str, Any] | 
     attraction is longer than half of that radius."""
     if cohesion is None or ratio == 1.0:
         return cohesion
-    shorter = {"minimum_gap": 1.0 / ratio, "cutoff": 1.0 / ratio, "hamaker_constant": ratio**-4}
+    shorter = {
+        "minimum_gap": 1.0 / ratio,
+        "cutoff": 1.0 / ratio,
+        "hamaker_constant": ratio**-4,
+        "energy_density": 1.0 / ratio,
+    }
     weaker = dict.fromkeys(("work_of_adhesion", "surface_tension"), ratio**-2.0)
     return {key: x if key == "kind" else x * (shorter | weaker).get(key, 1.0) for key, x in cohesion.items()}
 
