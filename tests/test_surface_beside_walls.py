@@ -251,8 +251,3 @@ def test_what_is_refused(key):
     with pytest.raises(InputError) as caught:
         jaxdem.load_scene(tank(**{"walls": [BEACH], **REFUSED[key]}))
     assert caught.value.key == key
-
-
-def test_several_devices_are_refused():
-    with pytest.raises(InputError, match="one device"):
-        jaxdem.build(jaxdem.load_scene(tank([BEACH])), devices=2)
