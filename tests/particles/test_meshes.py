@@ -272,19 +272,18 @@ def test_a_resumed_run_is_the_same_bit_for_bit_and_loads_are_measured(planes):
     assert float(load.mass[0][-1]) == pytest.approx(2.0 * weight / 9.81, rel=1e-5)
 
 
-def test_gradients_by_friction_are_those_of_a_plane(planes):
-    def slope(wall):
-        position = [[0.31, 0.4, HEIGHT + 0.0199], [0.62, 0.7, HEIGHT + 0.0199]]
-        scene = jaxdem.load_scene(grains_scene([wall], position, velocity=[[0.9, 0.1, 0.0]] * 2))
-        case = build_case(scene)
-        simulation, (state, neighbors) = case.simulation.reversible(), case.initial_state()
+def test_the_slope_by_friction_is_that_of_differences(planes):
+    position = [[0.31, 0.4, HEIGHT + 0.0199], [0.62, 0.7, HEIGHT + 0.0199]]
+    scene = jaxdem.load_scene(grains_scene([on_mesh(planes[200])], position, velocity=[[0.9, 0.1, 0.0]] * 2))
+    case = build_case(scene)
+    simulation, (state, neighbors) = case.simulation.reversible(), case.initial_state()
 
-        def speed(friction):
-            parameters = case.parameters._replace(contact=case.parameters.contact._replace(friction=friction))
-            return simulation.step(parameters, state, neighbors)[0].particles.velocity[0, 0]
+    def speed(friction):
+        parameters = case.parameters._replace(contact=case.parameters.contact._replace(friction=friction))
+        return simulation.step(parameters, state, neighbors)[0].particles.velocity[0, 0]
 
-        return jax.jit(jax.grad(speed))(jnp.asarray(0.3))
-
-    found, expected = slope(on_mesh(planes[200])), slope(PLANE)
-    assert float(expected) < -0.05
-    assert float(found) == pytest.approx(float(expected), rel=1e-9)
+    both = jax.jit(jax.value_and_grad(speed))
+    slope = float(both(0.3)[1])
+    assert slope < -0.05
+    # What slides loses the impulse of the normal force times the friction: nearly linear, so that a step may be long.
+    assert slope == pytest.approx(float(both(0.3 + 1e-4)[0] - both(0.3 - 1e-4)[0]) / 2e-4, rel=1e-7)
