@@ -156,10 +156,9 @@ def main() -> None:
         folder = given.folder or Path(temporary)
         folder.mkdir(parents=True, exist_ok=True)
         filled = folder / "filled"
-        if not filled.exists():
-            before = time.process_time()
-            jaxdem.simulate(jaxdem.load_scene(tables(given)), filled)
-            print(f"filled: {time.process_time() - before:.0f} s", flush=True)
+        before = time.process_time()
+        jaxdem.simulate(jaxdem.load_scene(tables(given)), filled, resume=filled.exists())
+        print(f"filled: {time.process_time() - before:.0f} s", flush=True)
         rows = []
         for orifice in given.orifices:
             rows.append(flow(orifice, filled, given, folder))
