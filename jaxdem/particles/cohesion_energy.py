@@ -66,18 +66,25 @@ def cohesion_energy(kind: Cohesion, gap: Gap, constants: CohesionConstants, memo
     raise TypeError(f"the energy of {type(kind).__name__} is not known")
 
 
-def energy_lost(kind: Cohesion, gap: Gap, constants: CohesionConstants, before: Vector, after: Vector) -> Array:
+def energy_lost(
+    kind: Cohesion, gap: Gap, former: Array, constants: CohesionConstants, before: Vector, after: Vector
+) -> Array:
     """Energy that is gone where what a contact remembers has changed; zero elsewhere [J].
+
+    A contact of JKR that is there from the start, or comes with a wall or at an edge of a mesh, has not lost what one
+    loses that begins by a touch.
 
     Args:
         kind: with a memory.
         gap: at the end of the step.
+        former: overlap in the middle of the step before [m].
         constants: numbers.
         before, after: what it remembers.
     """
     if isinstance(kind, JohnsonKendallRoberts):
         scale = _jkr_scale(gap, constants)
-        began, ended = (after[0] > 0) & ~(before[0] > 0), (before[0] > 0) & ~(after[0] > 0)
+        began = (after[0] > 0) & ~(before[0] > 0) & ~(former > 0)
+        ended = (before[0] > 0) & ~(after[0] > 0)
         return jnp.where(began, 0.3 * scale, 0.0) + jnp.where(ended, 0.2 * 4.0 ** (-4.0 / 3.0) * scale, 0.0)
     (own, *_), (now, *_) = before, after
     lost = _bridge(gap, constants, own) - _bridge(gap, constants, now)

@@ -207,7 +207,7 @@ class ContactModel:
     def tracks_meshes(self) -> bool:
         """Whether contacts with meshes keep their overlap, from which the balance of energy has what a contact stored
         that is none of the next step; see `mesh_cohesion.lost_at_once`."""
-        return self.energy and self.attracts_over_gaps
+        return self.energy
 
     @property
     def wet(self) -> bool:

@@ -100,10 +100,11 @@ def work_of_contacts(
     work: ContactWork = jax.tree.map(lambda x: time_step * x, power)
     if found.memory and model.cohesion is not None:
         ((earlier, later),) = found.memory
-        closing = 2.0 * approach + vectors.dot(pair.velocity, normal)
+        along = vectors.dot(pair.velocity, normal)
+        closing, former = 2.0 * approach + along, pair.overlap + time_step * along
         gap = gap_of(pair, found.material)._replace(overlap=pair.overlap + 0.5 * time_step * closing)
         constants = required(found.material.cohesion, "cohesion")
-        lost = energy_lost(model.cohesion, gap, constants, earlier, later)
+        lost = energy_lost(model.cohesion, gap, former, constants, earlier, later)
         work = work._replace(adhesion=lost)
     if found.lost is not None:
         work = work._replace(adhesion=found.lost if work.adhesion is None else work.adhesion + found.lost)

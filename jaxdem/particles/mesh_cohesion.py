@@ -16,7 +16,7 @@ from jaxdem.particles.contact_load import attraction_of
 from jaxdem.particles.contact_model import ContactModel
 from jaxdem.particles.contact_pair import ContactLoad, ContactPair, row, sum_slots
 from jaxdem.particles.contact_step import ContactStep
-from jaxdem.particles.mesh_contact import MeshMemory, MeshTouch, same_contacts
+from jaxdem.particles.mesh_contact import SAME, MeshMemory, MeshTouch, same_contacts
 from jaxdem.particles.mesh_list import MeshList
 from jaxdem.particles.normal_energy import normal_energy
 
@@ -42,20 +42,29 @@ def gap_of_laws(step: ContactStep, material: ContactMaterial, radius: Array) -> 
 
 
 def going_on(model: ContactModel, touch: MeshTouch, spring: Vector) -> Array:
-    """(C, M) bool, contacts that the next step goes on with: bodies touch, or cohesion remembers something; all, where
-    the balance of energy has to tell those apart that come and go at once.
+    """(C, M) bool, contacts that are remembered: those that the next step goes on with, and all where the balance of
+    energy has to tell those apart that come and go at once.
 
     Args:
         model: laws.
         touch: contacts of the step.
         spring: what they keep.
     """
-    if model.tracks_meshes and not model.memory:
-        return touch.found
-    found = touch.overlap > 0
+    return touch.found if model.tracks_meshes else touch.found & _holding(model, touch.overlap, spring)
+
+
+def with_springs(model: ContactModel, memory: MeshMemory) -> Array | None:
+    """(C, M) bool, contacts of the step before whose springs go on; None for all that are remembered. So what a contact
+    goes on with does not depend on whether the balance of energy is kept."""
+    return _holding(model, memory.overlap[0], memory.spring) if model.tracks_meshes else None
+
+
+def _holding(model: ContactModel, overlap: Array, spring: Vector) -> Array:
+    """bool, bodies touch, or cohesion remembers something."""
+    found = overlap > 0
     for kept in spring[len(spring) - model.memory :]:
         found = found | (kept != 0)
-    return touch.found & found
+    return found
 
 
 def lost_at_once(
@@ -63,38 +72,45 @@ def lost_at_once(
     memory: MeshMemory,
     touch: MeshTouch,
     pair: ContactPair,
+    springs: Vector,
     material: ContactMaterial,
 ) -> Array:
     """(C, M) energy along the normal of contacts of the step before that are gone, less that of contacts that have come
-    at a gap at which they attract [J].
+    with some [J].
 
-    A contact over a gap begins and ends at once where the nearest point of a face gets to its border, as over the edge
-    in a valley, and where two contacts become one. The forces on the grain jump there, and its speed does not.
+    A contact begins and ends at once where the nearest point of a face gets to its border, as over the edge in a
+    valley, and where two contacts become one. The forces on the grain jump there, and its speed does not. A contact
+    that goes on at another face, with another gap, counts as one that ends and one that begins.
 
     Args:
         step: laws.
         memory: of the step before, turned with the mesh.
         touch, pair: contacts of this step.
+        springs: what these have kept.
         material: of the mesh.
     """
     model, half = step.model, 0.5 * step.time_step
-    same = same_contacts(memory, touch, pair.normal)
+    first = len(springs) - model.memory
+    own, kept = memory.spring[first:], springs[first:]
+    apart = tuple(x[:, None] - y[None] for x, y in zip(pair.normal, memory.normal, strict=True))
+    steady = same_contacts(memory, touch, pair.normal) & (vectors.dot(apart, apart) < SAME**2)
+    for was, now in zip(own, kept, strict=True):
+        steady = steady & (was[None] == now[:, None])
 
     def stored(overlap: Array, kept: Vector) -> Array:
         at = pair._replace(overlap=overlap)
-        attraction = required(attraction_of(step, material, at, kept), "attraction")
-        along, surface = normal_energy(model, at, material, kept, jnp.where(attraction.touching, attraction.overlap, 0))
+        attraction = attraction_of(step, material, at, kept)
+        touching = overlap > 0 if attraction is None else attraction.touching
+        deep = overlap if attraction is None else attraction.overlap
+        along, surface = normal_energy(model, at, material, kept, jnp.where(touching, deep, 0.0))
         return along + surface
 
     there = vectors.dot(memory.normal, memory.normal) > 0.5
-    overlap = memory.overlap[0] - half * vectors.dot(pair.velocity, memory.normal)
-    number = len(memory.spring) - model.memory
-    lost = jnp.where(there & ~jnp.any(same, axis=0), stored(overlap, memory.spring[number:]), 0.0)
-    if model.memory:  # what remembers begins where bodies touch
-        return lost
+    before = memory.overlap[0] - half * vectors.dot(pair.velocity, memory.normal)
+    after = pair.overlap + half * vectors.dot(pair.velocity, pair.normal)
     known = jnp.any(memory.overlap[0] != 0, axis=0)[None]
-    comes = touch.found & ~jnp.any(same, axis=1) & known
-    return lost - jnp.where(comes, stored(pair.overlap + half * vectors.dot(pair.velocity, pair.normal), ()), 0.0)
+    goes, comes = there & ~jnp.any(steady, axis=0), touch.found & ~jnp.any(steady, axis=1) & known
+    return jnp.where(goes, stored(before, own), 0.0) - jnp.where(comes, stored(after, kept), 0.0)
 
 
 def with_bridges(

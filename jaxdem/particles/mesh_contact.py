@@ -126,7 +126,7 @@ def _chosen(overlap: Array, normal: Vector, candidate: Array, patch: Array, cont
     return chosen, jnp.any(left)
 
 
-def remembered(memory: MeshMemory, touch: MeshTouch, normal: Vector) -> Vector:
+def remembered(memory: MeshMemory, touch: MeshTouch, normal: Vector, among: Array | None = None) -> Vector:
     """What the contacts of a step have kept, (C, M) components: of the contact of the step before with the nearest
     direction, if that is less than `SPREAD` away and nearest to no other.
 
@@ -134,8 +134,9 @@ def remembered(memory: MeshMemory, touch: MeshTouch, normal: Vector) -> Vector:
         memory: of the step before.
         touch: contacts now.
         normal: their directions in the frame of the box.
+        among: (C, M) bool, which of the step before; None for all.
     """
-    taken = same_contacts(memory, touch, normal)
+    taken = same_contacts(memory, touch, normal, among)
 
     def gathered(kept: Array) -> Array:
         return jnp.sum(jnp.where(taken, kept[None], 0.0), axis=1)
@@ -144,19 +145,20 @@ def remembered(memory: MeshMemory, touch: MeshTouch, normal: Vector) -> Vector:
     return springs
 
 
-def begins(memory: MeshMemory, touch: MeshTouch, normal: Vector) -> Array:
+def begins(memory: MeshMemory, touch: MeshTouch, normal: Vector, among: Array | None = None) -> Array:
     """(C, M) bool, which contacts of a step go on with none of the step before; see `remembered`."""
-    return touch.found & ~jnp.any(same_contacts(memory, touch, normal), axis=1)
+    return touch.found & ~jnp.any(same_contacts(memory, touch, normal, among), axis=1)
 
 
-def same_contacts(memory: MeshMemory, touch: MeshTouch, normal: Vector) -> Array:
-    """(C, C', M) bool, whether a contact of a step is that of the step before."""
+def same_contacts(memory: MeshMemory, touch: MeshTouch, normal: Vector, among: Array | None = None) -> Array:
+    """(C, C', M) bool, whether a contact of a step is that of the step before; see `remembered`."""
     limit = (2.0 * math.sin(0.5 * SPREAD)) ** 2
     before, now = lax.stop_gradient((memory.normal, normal))
     apart = tuple(x[:, None] - y[None] for x, y in zip(now, before, strict=True))
     distance = vectors.dot(apart, apart)
-    there = vectors.dot(before, before)[None] > 0.5
-    distance = jnp.where(there & touch.found[:, None], distance, jnp.inf)
+    there = vectors.dot(before, before) > 0.5
+    there = there if among is None else there & among
+    distance = jnp.where(there[None] & touch.found[:, None], distance, jnp.inf)
     best = jnp.min(distance, axis=1, keepdims=True)
     best_of_former = jnp.min(distance, axis=0, keepdims=True)
     return (distance < limit) & (distance <= best) & (distance <= best_of_former)

@@ -20,7 +20,7 @@ from jaxdem.particles.contact_pair import ContactLoad, ContactPair, on_bodies, r
 from jaxdem.particles.contact_step import ContactStep
 from jaxdem.particles.contact_sums import FoundContacts, Sums, WallLoads
 from jaxdem.particles.integrate import Motion
-from jaxdem.particles.mesh_cohesion import gap_of_laws, going_on, lost_at_once, with_bridges
+from jaxdem.particles.mesh_cohesion import gap_of_laws, going_on, lost_at_once, with_bridges, with_springs
 from jaxdem.particles.mesh_contact import MeshMemory, MeshTouch, begins, remembered, touching
 from jaxdem.particles.mesh_list import MeshList
 from jaxdem.particles.neighbors import Neighbors, displacement_since_build
@@ -44,7 +44,7 @@ def add_meshes(step: ContactStep, neighbors: Neighbors, sums: Sums) -> tuple[Sum
         if step.model.energy:
             found = _found(step, listed, pair, load, material, springs)._replace(walls=(wall,))
             if step.model.tracks_meshes:
-                found = found._replace(lost=lost_at_once(step, before, touch, pair, material))
+                found = found._replace(lost=lost_at_once(step, before, touch, pair, springs, material))
             sums = sums._replace(found=(*sums.found, found))
         force, torque = tuple(map(sum_slots, force)), tuple(map(sum_slots, torque))
         sums = sums._replace(force=listed.added(sums.force, force), torque=listed.added(sums.torque, torque))
@@ -165,7 +165,7 @@ def mesh_contacts(
         radius=radius, other_radius=jnp.zeros((), touch.overlap.dtype),
         effective_radius=radius, effective_mass=mass, rolling_inertia=1.4 * mass * radius**2, wall_spin=wall_spin,
     )  # fmt: skip
-    return pair, touch, remembered(memory, touch, pair.normal)
+    return pair, touch, remembered(memory, touch, pair.normal, with_springs(step.model, memory))
 
 
 def _worn(
@@ -175,7 +175,7 @@ def _worn(
     touches, cell = touch.found & (pair.overlap > 0), required(touch.cell, "cell")
     turning = tangent.surface_velocity(vectors.scale(pair.radius - 0.5 * pair.overlap, pair.spin), pair.normal)
     slip = vectors.length(vectors.subtract(tangent.part_in_plane(pair.velocity, pair.normal), turning))
-    new = begins(memory, touch, pair.normal)
+    new = begins(memory, touch, pair.normal, with_springs(step.model, memory))
     if step.model.attracts_over_gaps:  # a contact may go on without touch
         new = new | (pair.overlap < -step.time_step * vectors.dot(pair.velocity, pair.normal))
     new = new & touches

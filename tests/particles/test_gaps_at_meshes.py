@@ -127,6 +127,26 @@ def test_the_energy_of_grains_that_go_over_edges(kind):
         assert 0.0 < bridges == pytest.approx(start - float(np.sum(particles.liquid)), rel=1e-12)
 
 
+@pytest.mark.parametrize("kind", tiered(["nothing", *KINDS], first=["nothing", "jkr"]))
+def test_the_energy_of_a_grain_that_is_pressed_into_a_shallow_valley(kind):
+    """It touches both sides; a contact comes and goes with the energy that its springs store at a depth. The first one
+    is there from the start."""
+    bend, weight = np.radians(4.0), 490.0
+    points = [[-0.01, HEIGHT], [0.01, HEIGHT], [0.01 + 0.02 * np.cos(bend), HEIGHT + 0.02 * np.sin(bend)]]
+    tables = with_tables(
+        IN_PLANE, domain={"size": [0.02, 0.02], "gravity": [0.0, -weight]},
+        particles={"position": [[0.0092, HEIGHT + 0.9985 * RADIUS]], "velocity": [[0.5, 0.0]],
+                   "angular_velocity": [[-500.0]]},
+        contact=KINDS.get(kind, {}) | {"restitution": 0.9, "time_step": 4e-7},
+        walls=[{"kind": "mesh", "points": points}], time={"end": 0.0025, "output_interval": 0.0025},
+    )  # fmt: skip
+    found = balance_of(tables)
+    assert float(found["state"].particles.position[0, 0]) > 0.0101
+    turned_over = found["gained"] / found["gained_relative"]
+    assert abs(found["gained_relative"]) < 1e-7 and abs(found["missing"]) < 1e-11 * turned_over
+    assert abs(found["dissipated"]["adhesion"]) > 1e-5 * turned_over
+
+
 def test_van_der_waals_round_a_cube(tmp_path):
     """A R/(6 h^2) towards the nearest point of a face, an edge or a corner, at gaps h up to the cutoff."""
     size, hamaker, cutoff, step = 0.02, 1e-9, 5e-3, 1e-7
