@@ -80,12 +80,13 @@ def contact_bodies(particles: ParticleSetup) -> list[ContactBody]:
                 found.append(ContactBody(large, rho, mass, *rest))
     if table is not None:
         return found + [_wall(*_elastic(table, number), number) for number in table.wall_materials]
-    # Walls as hard as the particles, or harder, are left to the margins of step and overlap (15 % more than of a pair).
+    # Walls as hard as the particles, or harder, are left to the margins of step and overlap (15 % more than of a pair),
+    # unless they attract more.
     soft, ratio = contact.of_walls("young_modulus"), contact.of_walls("poisson_ratio")
-    if found and isinstance(soft, float):
-        wall = _wall(soft, ratio, "contact.wall_young_modulus", 0)
-        if wall.modulus < found[0].modulus:
-            found.append(wall)
+    attracts = contact.cohesion is not None and contact.cohesion.wall_factor > 1.0
+    wall = _wall(soft if isinstance(soft, float) else math.inf, ratio, "contact.wall_young_modulus", 0)
+    if found and (attracts or wall.modulus < found[0].modulus):
+        found.append(wall)
     return found
 
 

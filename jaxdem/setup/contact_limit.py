@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from jaxdem.setup.stability import LinearContact
+from jaxdem.solids.valleys import Valley
 
 ROOM = {0: (0,), 1: (2, 1), 2: (6, 4, 2), 3: (12, 9, 5, 3)}
 """Equal spheres that touch one at once, by free dimensions: in the pack, and with 1, 2, 3 walls in their place."""
@@ -45,6 +46,7 @@ def contact_stability_limit(
     walls: int,
     thin: int = 0,
     bonds: Callable[[float], float] | None = None,
+    valley: Valley | None = None,
 ) -> float:
     """Largest stable contact step, 2/omega_max with what dashpots take from it [s].
 
@@ -78,6 +80,7 @@ def contact_stability_limit(
         thin: number of these axes along which a particle may touch both walls.
         bonds: largest eigenvalue that bonds have by themselves over the mass, by the step: it adds to that of the
             contacts at most.
+        valley: faces of a mesh that a particle may touch in the place of one wall.
 
     Source: derived here, as element bounds are for finite elements (B. M. Irons, Int. J. Numer. Methods Eng. 2
     (1970) 5-12).
@@ -85,9 +88,11 @@ def contact_stability_limit(
     free = dimension - thin
     limit = math.inf
     for touching in range(min(walls - thin, free) + 1):
-        at_walls = _at_walls(wall, touching, thin)
+        at_walls = [_at_walls(wall, touching, thin)]
+        if valley is not None and touching:
+            at_walls.append(_in_valley(at_walls[0], valley))
         for kinds in _neighbourhoods(mass, pairs, ROOM[free][touching], free):
-            limit = min(limit, _limit_of(mass, (*kinds, at_walls), bonds))
+            limit = min(limit, *(_limit_of(mass, (*kinds, held), bonds) for held in at_walls))
     return limit
 
 
@@ -152,6 +157,13 @@ def _at_walls(wall: LinearContact, touching: int, thin: int) -> _Touching:
     """At `touching` single walls and between `thin` pairs of them."""
     held = touching + 2 * thin
     return _Touching(wall, 1.0, held, 2.0 if thin else min(held, 1.0), held, math.sqrt(touching))
+
+
+def _in_valley(held: _Touching, valley: Valley) -> _Touching:
+    """With the faces of a valley in the place of one of the walls."""
+    number = held.number - 1 + valley.number
+    lopsided = math.sqrt(held.lopsided**2 - 1.0 + valley.lopsided**2)
+    return held._replace(number=number, along=max(held.along, valley.along), axis=number, lopsided=lopsided)
 
 
 def _limit_of(mass: float, kinds: Sequence[_Touching], bonds: Callable[[float], float] | None) -> float:

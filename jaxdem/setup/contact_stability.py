@@ -16,6 +16,7 @@ from jaxdem.setup.contact_limit import ROOM, Neighbours, contact_stability_limit
 from jaxdem.setup.lubrication import largest_resistance, largest_shear
 from jaxdem.setup.particles import ParticleSetup
 from jaxdem.setup.wall_functions import NO_FUNCTIONS, WallFunctions
+from jaxdem.solids.valleys import Valley
 
 
 def contact_stability(
@@ -87,7 +88,7 @@ def contact_stability(
         not wraps and length <= 2.0 * large for wraps, length in zip(scene.periodic, scene.domain.size, strict=True)
     )
     walls = _walls_at_once(scene, own_walls)
-    bonds = bond_growth(particles)
+    bonds, valley = bond_growth(particles), _valley(particles)
     limits = []
     for body in grains:
         found = []
@@ -97,7 +98,7 @@ def contact_stability(
                 found.append(Neighbours(touching(body, other), crowd * (1.0 + q), count, other.group))
         mass = body.mass / crowding(particles)  # of a clump with so many times the contacts of a sphere
         wall = touching(body, None)
-        limits.append(contact_stability_limit(mass, scene.dimension, found, wall, walls, thin, bonds))
+        limits.append(contact_stability_limit(mass, scene.dimension, found, wall, walls, thin, bonds, valley))
     return min(limits) / own_walls.slope
 
 
@@ -106,6 +107,12 @@ def _walls_at_once(scene: Scene, own_walls: WallFunctions) -> int:
     # A particle may lie in a corner of a mesh.
     surfaces = own_walls.number + sum(scene.dimension if wall.kind == "mesh" else 1 for wall in scene.walls)
     return min(scene.dimension, scene.periodic.count(False) + surfaces)
+
+
+def _valley(particles: ParticleSetup) -> Valley | None:
+    """The most faces of a mesh that a particle touches at once; None where they are at right angles."""
+    found = [mesh.valley for mesh in particles.meshes if mesh.valley is not None]
+    return Valley(*map(max, zip(*found, strict=True))) if found else None
 
 
 def _pooled(grains: Sequence[ContactBody]) -> list[ContactBody]:

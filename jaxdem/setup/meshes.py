@@ -25,6 +25,7 @@ from jaxdem.solids.features import Features, features_of
 from jaxdem.solids.inside import inside
 from jaxdem.solids.owners import owners
 from jaxdem.solids.surface_mesh import SurfaceMesh
+from jaxdem.solids.valleys import Valley, valley_of
 
 SAMPLES = 4096
 """Points of a mesh at which the room for its list is estimated."""
@@ -75,6 +76,11 @@ class WallMesh:
     def features(self) -> Features:
         """What grains can touch of it."""
         return features_of(self._whole, self.both, math.radians(self.wall.smooth_angle or 0.0))
+
+    @cached_property
+    def valley(self) -> Valley | None:
+        """The most faces that a grain touches at once; None where they are at right angles."""
+        return valley_of(self._whole, self.features.faces.normal, self.features.faces.patch)
 
     @cached_property
     def surface(self) -> MeshSurface:

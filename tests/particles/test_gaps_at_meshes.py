@@ -236,3 +236,21 @@ def test_the_gradient_by_the_work_of_adhesion_is_that_of_differences():
     slope = float(both(own)[1])
     assert abs(slope) > 0.01
     assert slope == pytest.approx((more - less) / (2e-4 * float(own)), rel=1e-5)
+
+
+def test_films_at_both_sides_of_a_shallow_valley_only_slow_a_grain():
+    """At the automatic step, which is that of both resistances together."""
+    slope, step = np.radians(1.0), 1e-5
+    side = 0.02 * np.array([np.cos(slope), np.sin(slope)])
+    points = [[0.01 - side[0], HEIGHT + side[1]], [0.01, HEIGHT], [0.01 + side[0], HEIGHT + side[1]]]
+    film = {"cutoff": 1e-4, "roughness": 2e-6, "viscosity": 1.0, "shear": False}
+    tables = with_tables(
+        IN_PLANE, domain={"size": [0.02, 0.02], "gravity": [0.0, 0.0]},
+        particles={"position": [[0.01, HEIGHT + 1.0005 * RADIUS / np.cos(slope)]], "velocity": [[0.0, -1e-4]],
+                   "angular_velocity": [[0.0]]},
+        contact={"friction": 0.0, "time_step": "auto", "speed": 0.1, "lubrication": film}, output={"energy": False},
+        walls=[{"kind": "mesh", "points": points}], coupling={"interval": step},
+        time={"end": 4 * step, "output_interval": 4 * step},
+    )  # fmt: skip
+    speed = np.linalg.norm(flight(tables, 4).velocity[:, 0], axis=1)
+    assert np.all(np.diff(speed) <= 0.0) and speed[0] < 1e-4

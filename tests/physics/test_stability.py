@@ -7,12 +7,16 @@ import math
 
 import numpy as np
 import pytest
+import trimesh
 
 import jaxdem
 from jaxdem.scene.shapes import Shape
 from jaxdem.setup.contact_limit import Neighbours, contact_stability_limit
 from jaxdem.setup.shapes import template
 from jaxdem.setup.stability import LinearContact
+from jaxdem.solids.features import features_of
+from jaxdem.solids.surface_mesh import SurfaceMesh
+from jaxdem.solids.valleys import valley_of
 from tests.cases import extremes, stability, steps, surface_stability
 from tests.cases.tiers import COMBINATION, tiered
 
@@ -89,6 +93,64 @@ def test_a_grain_may_lie_in_a_corner_of_a_mesh():
     mesh = {"kind": "mesh", "points": [[0.3, 0.7], [0.3, 0.3], [0.7, 0.3]]}
     corner = limit(periodic=False)
     assert limit(mesh) == corner < limit()
+
+
+@pytest.mark.parametrize("bend", [1.5, 50.0])
+def test_faces_of_a_mesh_that_face_one_way_count_together(bend):
+    """Two lines that bend by an angle hold a smooth grain with 1 + cos of it times the stiffness of one; two that bend
+    by less than `smooth_angle` are one."""
+
+    def limit(bend, smooth_angle=1.0):
+        up = np.radians(bend)
+        points = [[0.1, 0.3], [0.5, 0.3], [0.5 + 0.4 * np.cos(up), 0.3 + 0.4 * np.sin(up)]]
+        tables = {
+            "domain": {"size": [1.0, 1.0], "gravity": [0.0, -9.81]},
+            "particles": {"radius": 0.01, "density": 2500.0, "position": [[0.5, 0.5]]},
+            "contact": {"young_modulus": 1e7, "restitution": 1.0, "friction": 0.0, "speed": 1.0},
+            "walls": [{"kind": "mesh", "points": points, "smooth_angle": smooth_angle}],
+            "time": {"end": 1.0, "output_interval": 1.0},
+        }
+        return steps.time_steps(jaxdem.load_scene(tables)).limits["contact_stability"]
+
+    flat = limit(0.0)
+    assert limit(bend) == pytest.approx(flat / np.sqrt(1.0 + np.cos(np.radians(bend))), rel=1e-9)
+    assert limit(0.4 * bend, 0.5 * bend) == flat
+
+
+def test_all_faces_of_a_pit_count_and_those_of_a_box_do_not():
+    """The sum of n n^T over N faces of a slope a that meet at a point is N cos^2 a along the axis."""
+    sides, slope = 12, np.radians(5.0)
+    angle = 2.0 * np.pi * np.arange(sides) / sides
+    ring = np.stack([np.cos(angle), np.sin(angle), np.full(sides, np.tan(slope) * np.cos(np.pi / sides))], axis=1)
+    cells = np.stack([np.zeros(sides, int), 1 + np.arange(sides), 1 + (np.arange(sides) + 1) % sides], axis=1)
+    pit = SurfaceMesh(np.concatenate([np.zeros((1, 3)), ring]), cells)
+    faces = features_of(pit, True, np.radians(1.0)).faces
+    found = valley_of(pit, faces.normal, faces.patch)
+    assert found.number == sides and found.along == pytest.approx(sides * np.cos(slope) ** 2, rel=1e-9)
+    box = trimesh.creation.box()
+    box = SurfaceMesh(np.asarray(box.vertices), np.asarray(box.faces))
+    faces = features_of(box, True, np.radians(1.0)).faces
+    assert valley_of(box, faces.normal, faces.patch) is None
+
+
+def test_walls_that_attract_more_than_grains_count_in_the_step():
+    """sqrt(m h / (2 F)) at a wall, with its F = f A r/(6 h^2): 10 times shorter for f = 100."""
+    radius, hamaker, gap = 1e-3, 1e-12, 1e-6
+    mass = 2500.0 * 4.0 / 3.0 * np.pi * radius**3
+
+    def limit(factor):
+        cohesion = {"kind": "van_der_waals", "hamaker_constant": hamaker, "minimum_gap": gap, "cutoff": 1e-4}
+        tables = {
+            "domain": {"size": [0.02, 0.02]},
+            "particles": {"radius": radius, "density": 2500.0, "position": [[0.01, 0.01], [0.005, 0.01]]},
+            "contact": {"young_modulus": 1e6, "speed": 0.1, "cohesion": cohesion | {"wall_factor": factor}},
+            "time": {"end": 1.0, "output_interval": 1.0},
+        }
+        return steps.time_steps(jaxdem.load_scene(tables)).limits["contact_attraction"]
+
+    for factor in (1.0, 100.0):
+        pull = factor * hamaker * radius / (6.0 * gap**2)
+        assert limit(factor) == pytest.approx(np.sqrt(mass * gap / (2.0 * pull)), rel=1e-9)
 
 
 def test_one_small_grain_among_large_ones_counts_once():
