@@ -9,7 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxdem.errors import InputError
+from jaxdem.errors import InputError, required
+from jaxdem.scene import Contact
+from jaxdem.scene.cohesion import STRENGTH
 from jaxdem.scene.inlets import inlet_speed
 from jaxdem.scene.rows import rows_of
 from jaxdem.setup import stability
@@ -140,33 +142,47 @@ def _overlap(particles: ParticleSetup, bodies: Sequence[ContactBody], speed: flo
     """The deepest overlap of an impact at a speed [m/s], over the diameter [-].
 
     Raises:
-        InputError: it is deeper than `contact.maximum_overlap`.
+        InputError: it is deeper than `contact.maximum_overlap`, by the speed or by the pull of cohesion.
     """
     contact, overlaps = particles.contact, []
     linear, stiffness = contact.law == "linear_spring_dashpot", contact.normal_stiffness or 0.0
     heaviest = max(body.mass for body in bodies if not body.is_wall)
     for one, other in _meetings(bodies):
         if linear:
-            overlap = stability.linear_overlap(heaviest, stiffness, speed)
+            plain = stability.linear_overlap(heaviest, stiffness, speed)
         else:
             mass, radius = effective(one.mass, other.mass), effective(one.radius, other.radius)
-            overlap = stability.hertz_overlap(mass, radius, effective(one.modulus, other.modulus), speed)
-        attracted = pair_of(particles, one, other)
+            plain = stability.hertz_overlap(mass, radius, effective(one.modulus, other.modulus), speed)
+        attracted, overlap = pair_of(particles, one, other), plain
         if attracted is not None:
             mass = heaviest if linear else effective(one.mass, other.mass)
             overlap = attracted.depth(0.5 * mass * speed**2)[0]
-        overlaps.append((overlap / (2.0 * min(one.radius, other.radius)), one, other))
-    relative, *pair = max(overlaps, key=lambda found: found[0])
+        size = 2.0 * min(one.radius, other.radius)
+        overlaps.append((overlap / size, plain / size, one, other))
+    relative, plain, *pair = max(overlaps, key=lambda found: found[0])
     if relative > contact.maximum_overlap:
+        deep = f"an impact at {speed:.3g} m/s would overlap by {100 * relative:.3g} % of a diameter"
+        limit = f"the limit is {100 * contact.maximum_overlap:.3g} %"
+        if plain <= contact.maximum_overlap:
+            key, value = _pulling(contact, any(body.is_wall for body in pair))
+            limit = f"with this pull {deep}, without cohesion by {100 * plain:.3g} %; {limit}"
+            raise InputError(key, value, limit, "lower it, stiffen the contact, or raise contact.maximum_overlap")
         soft = min(pair, key=lambda body: body.young_modulus)
         raise InputError(
             "contact.normal_stiffness" if linear else soft.key,
             stiffness / particles.table.coarse_grain if linear else soft.young_modulus,
-            f"an impact at {speed:.3g} m/s would overlap by {100 * relative:.3g} % of a diameter, "
-            f"the limit is {100 * contact.maximum_overlap:.3g} %",
+            f"{deep}, {limit}",
             "stiffen the contact, lower contact.speed, or raise contact.maximum_overlap",
         )
     return relative
+
+
+def _pulling(contact: Contact, at_wall: bool) -> tuple[str, float]:
+    """Key of what makes a pull strong, and its value."""
+    table = required(contact.cohesion, "cohesion")
+    if at_wall and table.wall_factor > 1.0:
+        return "contact.cohesion.wall_factor", table.wall_factor
+    return f"contact.cohesion.{STRENGTH[table.kind]}", table.strength
 
 
 def _longest(particles: ParticleSetup, limits: dict[str, float]) -> float:

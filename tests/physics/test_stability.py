@@ -10,6 +10,7 @@ import pytest
 import trimesh
 
 import jaxdem
+from jaxdem.errors import InputError
 from jaxdem.scene.shapes import Shape
 from jaxdem.setup.contact_limit import Neighbours, contact_stability_limit
 from jaxdem.setup.shapes import template
@@ -148,6 +149,9 @@ def test_walls_that_attract_more_than_grains_count_in_the_step():
         }
         return steps.time_steps(jaxdem.load_scene(tables)).limits["contact_attraction"]
 
+    with pytest.raises(InputError, match=r"with this pull .* without cohesion by 1\.") as caught:
+        limit(1e5)
+    assert (caught.value.key, caught.value.value) == ("contact.cohesion.wall_factor", 1e5)
     for factor in (1.0, 100.0):
         pull = factor * hamaker * radius / (6.0 * gap**2)
         assert limit(factor) == pytest.approx(np.sqrt(mass * gap / (2.0 * pull)), rel=1e-9)
