@@ -66,7 +66,7 @@ def _elsewhere(path: Path) -> str:
     from jaxdem.scene.hints import tables_with
 
     found = tables_with(str(path[-1]))
-    return f"remove it here: there is one of this name in {', '.join(found)}" if found else ""
+    return f"move it to {' or '.join(found)}, where there is a key of this name, or remove it" if found else ""
 
 
 def _own(problem: ErrorDetails) -> dict[str, str]:

@@ -144,7 +144,7 @@ def _with_others(
                 along.append((other.number, other.wall))
         elif gaps[other.number] <= TOUCHING * min(grid.spacing):
             if ahead[other.number] < 0.0:
-                limit = f"overlaps walls.{other.wall} where the scene has both: the fluid sees both, and it is ahead"
+                limit = f"overlaps walls.{other.wall}, which is ahead of it at the start, and the fluid sees both"
                 remedy = "move them apart; they may touch, and it may slide along the wall as in a guide"
                 raise InputError(f"walls.{piston.wall}.piston", "...", limit, remedy)
             along.append((other.number, other.wall))

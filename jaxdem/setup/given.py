@@ -117,7 +117,7 @@ def require_one_stage(scene: object) -> None:
     require_scene(scene)
     if isinstance(scene, StagedScene):
         names = ", ".join(stage.name for stage in scene.stages)
-        limit = "this is of one scene, and there are several: the first one would be taken for all"
+        limit = "are scenes of their own, and one is needed here"
         remedy = "give one of them, such as scene.stages[0].scene; jaxdem.simulate runs all"
         raise InputError("stages", names, limit, remedy)
 
