@@ -97,10 +97,15 @@ def _reason(simulation: Simulation, number: int, axis: int) -> str | None:
     if number == 1:
         return None
     if simulation.contact is not None:
-        width = simulation.box[axis] / number
-        least = NARROWEST * simulation.search.body_reach
+        search, width = simulation.search, simulation.box[axis] / number
+        least, contacts = NARROWEST * search.body_reach, search.geometry.cutoff
         if width < least:
-            return f"slabs of {width:.4g} m would be narrower than {least:.4g} m, which particles need"
+            arms = f", the arms of clumps {2.0 * search.arm:.4g} m" if search.arm else ""
+            return (
+                f"slabs of {width:.4g} m would be narrower than {least:.4g} m, twice as far as particles are looked "
+                f"for: contacts of the largest reach {contacts:.4g} m, contact.skin adds "
+                f"{search.body_reach - contacts - 2.0 * search.arm:.4g} m{arms}"
+            )
     if simulation.fluid is None:
         return None
     solver = simulation.fluid.solver

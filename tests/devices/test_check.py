@@ -150,8 +150,12 @@ def test_walls_in_the_fluid_count():
 
 
 def test_what_cannot_be_divided_is_refused_by_name():
-    with pytest.raises(InputError, match="devices = 100: the box cannot be cut into 100 slabs"):
+    with pytest.raises(InputError, match="devices = 100: the box cannot be cut into 100 slabs") as refused:
         check_scene(scene_of(), devices=100)
+    reach = "contacts of the largest reach 0.0198 m, contact.skin adds 0.00792 m"
+    least = "slabs of 0.016 m would be narrower than 0.05544 m, twice as far as particles are looked for"
+    assert f"along x {least}: {reach};" in str(refused.value)
+    assert str(refused.value).endswith("Use 28 devices."), "1.6 m over 0.05544 m is 28.9"
     fluid = {"fluid": {"cells": [15, 5, 5], "density": 1.2, "viscosity": 1e-5, "time_step": 1e-3}}
     with pytest.raises(InputError, match="15"):
         check_scene(scene_of(particles=None, contact=None, **fluid), devices=4)
