@@ -105,7 +105,7 @@ def test_python_gets_the_last_run(chain):
 
 
 def test_what_takes_one_scene_refuses_several():
-    """The first one was taken in silence."""
+    """Which stage is meant is not known."""
     scene = load_scene(STAGED)
     first = scene.stages[0].scene
     built = build(first)
