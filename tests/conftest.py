@@ -22,6 +22,10 @@ if tuple(map(int, version("jaxlib").split(".")[:2])) < (0, 11):
 # Four devices of the host, for scenes that are cut into blocks; all else runs on the first.
 if "device_count" not in os.environ.get("XLA_FLAGS", ""):
     os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count=4".strip()
+# They may have to wait for each other: a busy machine gives a thread no core for longer than the 40 s after which XLA
+# would end the process.
+if "terminate_timeout" not in os.environ["XLA_FLAGS"]:
+    os.environ["XLA_FLAGS"] += " --xla_cpu_collective_call_terminate_timeout_seconds=1800"
 # LLVM's optimisations are a third to a half of what is left; without them most runs of tests are too short to lose it
 # again. A module with longer runs says `pytestmark = pytest.mark.long_runs`.
 os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")

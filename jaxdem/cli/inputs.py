@@ -24,6 +24,15 @@ ADDRESS_SPACE, ADDRESS_SPACE_PER_CORE = 3 * 2**29, 2**28
 HOST_DEVICES = "xla_force_host_platform_device_count"
 """Flag by which somebody has chosen the number of devices of the processor already."""
 
+PATIENCE = {
+    "xla_cpu_collective_call_warn_stuck_timeout_seconds": 300,
+    "xla_cpu_collective_call_terminate_timeout_seconds": 3600,
+}
+"""How long devices of one processor wait for each other before XLA says so, and before it ends the process [s].
+
+By default it ends after 40 s, which a busy machine, or one that was put to sleep, may well take.
+"""
+
 
 def prepare_file(path: Path, *inputs: str | Path | None, option: str = "--out") -> None:
     """Refuse a place that cannot be written, or that holds what is read, before hours of work, not after them."""
@@ -189,6 +198,13 @@ def overrides(settings: list[str] | None, closure: Path | None = None, subgrid: 
     return changed
 
 
+def let_devices_wait() -> None:
+    """Sets `PATIENCE`, unless somebody has; XLA reads it with the first device."""
+    flags = os.environ.get("XLA_FLAGS", "")
+    wanted = [f"--{name}={seconds}" for name, seconds in PATIENCE.items() if name not in flags]
+    os.environ["XLA_FLAGS"] = " ".join([flags, *wanted]).strip()
+
+
 def start_jax(precision: str = "float32", devices: int = 1) -> None:
     """JAX, set to the precision of a scene, with its compiled programs kept between calls.
 
@@ -203,6 +219,8 @@ def start_jax(precision: str = "float32", devices: int = 1) -> None:
     from jaxdem.run.program_cache import use_program_cache
 
     use_program_cache()
+    if devices > 1:
+        let_devices_wait()
     import jax
 
     if precision == "float64":
