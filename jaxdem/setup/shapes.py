@@ -119,7 +119,7 @@ def template(shape: Shape | None, dimension: int) -> Template:
     if kept.sum() == 1:
         return template(None, dimension)._replace(within=len(kept) - 1)
     union = shape.union(dimension)
-    axes = _principal_axes(union.moments, dimension)
+    axes = principal_axes(union.moments, dimension)
     inside = (centres[kept] - union.centre) @ axes / union.radius
     moments = np.diag(axes.T @ union.moments @ axes) / union.radius**2
     moments = _made_equal(moments)
@@ -136,13 +136,32 @@ def template(shape: Shape | None, dimension: int) -> Template:
     )
 
 
-def _principal_axes(moments: np.ndarray, dimension: int) -> np.ndarray:
-    """(3, 3) principal axes, right-handed; the given ones where they are, and in 2-D the second stays."""
+def _settled_basis(vectors: np.ndarray) -> np.ndarray:
+    """An orthonormal basis (3, k) of the space that k vectors span, whatever basis of it they are.
+
+    The axes of the box in turn, as far as they lie in that space and are not nearly along those before.
+    """
+    basis = np.zeros((3, 0))
+    for axis in vectors @ vectors.T:
+        rest = axis - basis @ (basis.T @ axis)
+        if basis.shape[1] < vectors.shape[1] and np.linalg.norm(rest) > 0.3:
+            basis = np.column_stack([basis, rest / np.linalg.norm(rest)])
+    return basis
+
+
+def principal_axes(moments: np.ndarray, dimension: int) -> np.ndarray:
+    """(3, 3) principal axes, right-handed; the given ones where they are, and in 2-D the second stays.
+
+    They are the same on every machine, and so are quaternions and random orientations: the signs of eigenvectors, and
+    all of those of equal moments, depend on the processor.
+    """
     size = ALIKE * np.trace(moments)
     if np.abs(moments - np.diag(np.diag(moments))).max() < size:
         return np.eye(3)
     if dimension == 3:
-        _, axes = np.linalg.eigh(moments)
+        values, found = np.linalg.eigh(moments)
+        groups = np.concatenate([[0], np.cumsum(np.diff(values) > size)])
+        axes = np.concatenate([_settled_basis(found[:, groups == k]) for k in range(groups[-1] + 1)], axis=1)
         return axes * (1.0 if np.linalg.det(axes) > 0.0 else np.asarray([1.0, 1.0, -1.0]))
     angle = 0.5 * math.atan2(2.0 * moments[0, 2], moments[0, 0] - moments[2, 2])
     cosine, sine = math.cos(angle), math.sin(angle)

@@ -18,6 +18,7 @@ from jaxdem.particles.union import shadows, union_of_spheres
 from jaxdem.run.instant import Instant
 from jaxdem.run.parts.energy import energy_now
 from jaxdem.setup.builder import build_case
+from jaxdem.setup.shapes import principal_axes
 from tests.cases.clumps import BENT, ROD, built, impulse_on_floor, momenta, two_bodies
 
 
@@ -117,12 +118,29 @@ def test_spheres_in_one_place_are_the_sphere(bodies):
         assert np.allclose(one, other, rtol=0.0, atol=1e-12 * scales.get(name, np.abs(other).max())), name
 
 
+@pytest.mark.parametrize("centres", [[[0, 0, 0], [1.1, 0, 0], [1.1, 0.8, 0.3]], [[0, 0, 0], [0.6, 0.5, 0.4]]])
+def test_principal_axes_are_the_same_on_every_machine(monkeypatch, centres):
+    """Whatever signs, and vectors of equal moments (of two spheres), the processor's routine gives."""
+    centres, radii = np.asarray(centres, float), np.asarray([1.0, 0.8, 0.6][: len(centres)])
+    total, eigh, found = union_of_spheres(centres, radii).moments, np.linalg.eigh, []
+    for basis in (np.eye(3), np.diag([-1.0, 1.0, -1.0]), np.diag([1.0, -1.0, 1.0])):
+        if len(centres) == 2:  # the axis is the eigenvector of the least moment
+            basis = basis @ np.asarray([[1.0, 0.0, 0.0], [0.0, 0.6, -0.8], [0.0, 0.8, 0.6]])
+        monkeypatch.setattr(np.linalg, "eigh", lambda m, basis=basis: (eigh(m)[0], eigh(m)[1] @ basis))
+        found.append(principal_axes(total, 3))
+    moments = found[0].T @ total @ found[0]
+    np.testing.assert_allclose(moments, np.diag(np.diag(moments)), atol=1e-9 * np.trace(moments))
+    for axes in found:
+        assert np.linalg.det(axes) == pytest.approx(1.0)
+        np.testing.assert_allclose(axes, found[0], atol=1e-9)
+
+
 @pytest.mark.parametrize("shape", [0, 1])
 def test_first_impact_on_a_floor(bodies, shape):
     """Velocity and spin after a frictionless elastic impact of an inclined body, in closed form."""
     simulation, parameters, state, _, _ = bodies
     place = jnp.asarray([[0.3, 0.5, 0.12], [0.7, 0.5, 0.7]])
-    turn = jnp.asarray([[0.6, 0.0, 0.8, 0.0], [0.36, 0.48, 0.8, 0.0]])[jnp.asarray([shape, 1 - shape])]
+    turn = jnp.asarray([[0.6, 0.0, -0.8, 0.0], [0.36, 0.48, 0.8, 0.0]])[jnp.asarray([shape, 1 - shape])]
     given = {"position": place, "orientation": turn, "velocity": jnp.asarray([[0.0, 0.0, -1.0], [0.0, 0.0, 0.0]])}
     spheres = as_members(state.particles._replace(**given), parameters.bodies.clumps)
     radius = np.asarray(parameters.bodies.spheres(2).radius)
