@@ -807,10 +807,10 @@ def test_a_keyword_of_another_name_is_refused_by_build_and_simulate(tmp_path):
 @pytest.mark.parametrize(
     ("overrides", "words"),
     [
-        ({"particles.friction": 0.4}, ("particles.friction", "[contact], [[materials]]")),
+        ({"particles.friction": 0.4}, ("particles.friction", "move it to [contact] or [[materials]]")),
         ({"fluid.drag": "wen_yu"}, ("fluid.drag", "[coupling]")),
         ({"gravity": [0.0, -9.81]}, ("gravity", "[domain]")),
-        ({"fluid.heat": 1}, ("fluid.heat", "in [heat]")),
+        ({"fluid.heat": 1}, ("fluid.heat", "move it to [heat]")),
         ({"particles.radius": "0.01"}, ("particles.radius", "number in quotes", "remove the quotes")),
         ({"walls": [{"point": [0.1, 0.1]}]}, ("walls.0.kind", "is missing", '"plane"')),
     ],
