@@ -24,7 +24,7 @@ ADDRESS_SPACE, ADDRESS_SPACE_PER_CORE = 3 * 2**29, 2**28
 HOST_DEVICES = "xla_force_host_platform_device_count"
 """Flag by which somebody has chosen the number of devices of the processor already."""
 
-PATIENCE = {
+COLLECTIVE_TIMEOUTS = {
     "xla_cpu_collective_call_warn_stuck_timeout_seconds": 300,
     "xla_cpu_collective_call_terminate_timeout_seconds": 3600,
 }
@@ -198,10 +198,10 @@ def overrides(settings: list[str] | None, closure: Path | None = None, subgrid: 
     return changed
 
 
-def let_devices_wait() -> None:
-    """Sets `PATIENCE`, unless somebody has; XLA reads it with the first device."""
+def set_collective_timeouts() -> None:
+    """Sets `COLLECTIVE_TIMEOUTS`, unless somebody has; XLA reads it with the first device."""
     flags = os.environ.get("XLA_FLAGS", "")
-    wanted = [f"--{name}={seconds}" for name, seconds in PATIENCE.items() if name not in flags]
+    wanted = [f"--{name}={seconds}" for name, seconds in COLLECTIVE_TIMEOUTS.items() if name not in flags]
     os.environ["XLA_FLAGS"] = " ".join([flags, *wanted]).strip()
 
 
@@ -220,7 +220,7 @@ def start_jax(precision: str = "float32", devices: int = 1) -> None:
 
     use_program_cache()
     if devices > 1:
-        let_devices_wait()
+        set_collective_timeouts()
     import jax
 
     if precision == "float64":

@@ -84,9 +84,7 @@ def contact_stability(
             tangential_damping=found.tangential_damping + largest_shear(particles, radius, small),
         )
 
-    thin = sum(
-        not wraps and length <= 2.0 * large for wraps, length in zip(scene.periodic, scene.domain.size, strict=True)
-    )
+    thin = _thin_axes(scene, large)
     walls = _walls_at_once(scene, own_walls)
     bonds, valley = bond_growth(particles), _valley(particles)
     limits = []
@@ -100,6 +98,12 @@ def contact_stability(
         wall = touching(body, None)
         limits.append(contact_stability_limit(mass, scene.dimension, found, wall, walls, thin, bonds, valley))
     return min(limits) / own_walls.slope
+
+
+def _thin_axes(scene: Scene, radius: float) -> int:
+    """Number of axes with walls along which the box holds one grain of this radius [m]."""
+    lengths = zip(scene.periodic, scene.domain.size, strict=True)
+    return sum(not wraps and length <= 2.0 * radius for wraps, length in lengths)
 
 
 def _walls_at_once(scene: Scene, own_walls: WallFunctions) -> int:

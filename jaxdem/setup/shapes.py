@@ -136,7 +136,7 @@ def template(shape: Shape | None, dimension: int) -> Template:
     )
 
 
-def _settled_basis(vectors: np.ndarray) -> np.ndarray:
+def _unique_basis(vectors: np.ndarray) -> np.ndarray:
     """An orthonormal basis (3, k) of the space that k vectors span, whatever basis of it they are.
 
     The axes of the box in turn, as far as they lie in that space and are not nearly along those before.
@@ -161,7 +161,7 @@ def principal_axes(moments: np.ndarray, dimension: int) -> np.ndarray:
     if dimension == 3:
         values, found = np.linalg.eigh(moments)
         groups = np.concatenate([[0], np.cumsum(np.diff(values) > size)])
-        axes = np.concatenate([_settled_basis(found[:, groups == k]) for k in range(groups[-1] + 1)], axis=1)
+        axes = np.concatenate([_unique_basis(found[:, groups == k]) for k in range(groups[-1] + 1)], axis=1)
         return axes * (1.0 if np.linalg.det(axes) > 0.0 else np.asarray([1.0, 1.0, -1.0]))
     angle = 0.5 * math.atan2(2.0 * moments[0, 2], moments[0, 0] - moments[2, 2])
     cosine, sine = math.cos(angle), math.sin(angle)

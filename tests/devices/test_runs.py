@@ -19,7 +19,7 @@ from vtkmodules.vtkIOHDF import vtkHDFReader
 
 from jaxdem.cli import library_output, members
 from jaxdem.cli.cluster import member
-from jaxdem.cli.inputs import let_devices_wait
+from jaxdem.cli.inputs import set_collective_timeouts
 from jaxdem.cli.launch import Outcome
 from jaxdem.cli.main import app
 from jaxdem.errors import InputError
@@ -407,7 +407,7 @@ def test_devices_of_one_processor_wait_for_each_other(monkeypatch):
     own = "--xla_cpu_collective_call_terminate_timeout_seconds=7"
     for before, expected in (("", 3600), (own, 7)):
         monkeypatch.setenv("XLA_FLAGS", before)
-        let_devices_wait()
+        set_collective_timeouts()
         flags = dict(one.split("=") for one in os.environ["XLA_FLAGS"].split())
         assert flags["--xla_cpu_collective_call_terminate_timeout_seconds"] == str(expected)
         assert flags["--xla_cpu_collective_call_warn_stuck_timeout_seconds"] == "300"
