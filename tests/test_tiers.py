@@ -35,4 +35,4 @@ def test_both_tiers_are_all_tests():
     rules = dict(re.findall(r"^(test|pytest|test-rest|test-all):[^\n]*\n((?:\t[^\n]*\n)+)", made, re.M))
     assert '-m "not $(SECOND)"' in rules["pytest"] and "-m $(SECOND)" in rules["test-rest"]
     assert re.search(rf"^SECOND := {COMBINATION.name}$", made, re.M)
-    assert re.findall(r"^make ([\w-]+)$", (ROOT / ".ci" / "run").read_text(), re.M)[:2] == ["test", "test-rest"]
+    assert re.findall(r"^ *make ([\w-]+)$", (ROOT / ".ci" / "run").read_text(), re.M)[:2] == ["test", "test-rest"]

@@ -201,7 +201,7 @@ def test_friction_goes_on_over_an_edge_between_coplanar_triangles(planes, monkey
     assert np.abs(found.velocity - expected.velocity).max() < 1e-10
     speed = np.linalg.norm(found.velocity[:, 0, :2], axis=1)
     assert np.diff(speed) == pytest.approx(-mu * 9.81 * 0.01, rel=0.05)
-    monkeypatch.setattr(mesh_forces, "remembered", lambda memory, touch, normal: tuple(0.0 * x for x in memory.spring))
+    monkeypatch.setattr(mesh_forces, "remembered", lambda memory, *_: tuple(0.0 * x for x in memory.spring))
     forgotten = flight(grains_scene([on_mesh(planes[20000])], **grains), 8)
     assert np.abs(forgotten.velocity - expected.velocity)[:, 1].max() > 1e-3
 
