@@ -1,12 +1,13 @@
 """Run directory, VTKHDF frames, samples, history, checkpoint. numpy and h5py only; no jax."""
 
 from jaxdem.io.checkpoint import read_checkpoint, write_checkpoint
+from jaxdem.io.fluid_file import FluidFormat, fluid_frame
 from jaxdem.io.frames import Frame, FrameSeries
 from jaxdem.io.history import COLUMNS, History, read_history
 from jaxdem.io.load import Run, load_run
+from jaxdem.io.particle_file import ParticleFormat, particle_frame
 from jaxdem.io.run_directory import RunDirectory
 from jaxdem.io.samples import SampleFormat, Samples
-from jaxdem.io.vtkhdf import FluidFormat, ParticleFormat, fluid_frame, particle_frame
 
 __all__ = [
     "COLUMNS",

@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 
 from jaxdem.io.frames import Arrays, Entries, Frame, extend
-from jaxdem.io.vtkhdf import NUMBERS, ROOT, StepFormat, append_points, dimension_of, name_unit, write_topology
+from jaxdem.io.vtkhdf import ROOT, PolyDataFormat, append_points, name_unit, write_topology
 
 UNCHANGING = ("first", "second", "table")
 """Cell data that are stored once."""
@@ -36,17 +36,17 @@ def bond_frame(time: float, arrays: Arrays) -> Frame:
     return Frame(float(time), {"position": points, **stored}, {"dimension": dimension})
 
 
-class BondFormat(StepFormat):
+class BondFormat(PolyDataFormat):
     """See the module; the number of bonds is the same in all frames."""
 
-    stem = "bonds"
+    stem, data, points, content = "bonds", "CellData", 2, "bonds"
 
     def append(self, file: h5py.File, frame: Frame, growing: bool) -> Entries:
         """See `frames.Format`."""
         names = sorted(set(frame.arrays) - {"position"})
         if ROOT not in file:
             self.head(file, "PolyData", frame, growing)
-            write_topology(file[ROOT], "Lines", 2, len(frame.arrays["position"]) // 2)
+            write_topology(file[ROOT], "Lines", self.points, len(frame.arrays["position"]) // self.points)
         root = file[ROOT]
         entries, chunk = append_points(root, frame, growing)
         data = root.require_group("CellData")
@@ -56,16 +56,3 @@ class BondFormat(StepFormat):
             entries[f"CellDataOffsets/{name}"] = start
             name_unit(data[name], name)
         return entries
-
-    def read(self, file: h5py.File, index: int) -> Frame:
-        """See `frames.Format`."""
-        root = file[ROOT]
-        number = int(root["NumberOfPoints"][0])
-        start = self.entry(file, "PointOffsets", index)
-        arrays = {"position": root["Points"][start : start + number]}
-        for name, dataset in root["CellData"].items():
-            start = self.entry(file, f"CellDataOffsets/{name}", index)
-            arrays[name] = dataset[start : start + number // 2]
-            if len(arrays[name]) != number // 2 or dataset.dtype.kind not in NUMBERS:
-                raise ValueError(f"{name} holds {dataset.dtype} of shape {dataset.shape} for {number // 2} bonds")
-        return Frame(float(self.times(file)[index]), arrays, {"dimension": dimension_of(file)})

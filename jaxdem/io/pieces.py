@@ -20,8 +20,10 @@ import numpy as np
 from jaxdem.errors import InputError
 from jaxdem.files.durable import aside, sync_directory
 from jaxdem.files.hdf5 import create, open_for_reading
+from jaxdem.io.fluid_file import FluidFormat
 from jaxdem.io.frames import PARTS_FOLDER, Entries, Format, Frame, FrameSeries
-from jaxdem.io.vtkhdf import ROOT, FluidFormat, ParticleFormat
+from jaxdem.io.particle_file import ParticleFormat
+from jaxdem.io.vtkhdf import ROOT
 
 PIECE = re.compile(r"(?P<stem>[a-z]+)\.(?P<index>\d+)-of-(?P<number>\d+)(?:\.\d{6,})?(?P<suffix>\.[a-z0-9]+)")
 """Name of a file of one process: of all its frames, or of one."""

@@ -10,9 +10,10 @@ import numpy as np
 
 from jaxdem.io import scene_text
 from jaxdem.io.bond_file import BondFormat, bond_frame
+from jaxdem.io.fluid_file import FluidFormat, fluid_frame
 from jaxdem.io.frames import Arrays, Format, Frame, FrameSeries
+from jaxdem.io.particle_file import ParticleFormat, SphereFormat, particle_frame
 from jaxdem.io.pieces import PieceSeries, Share, SharedSeries, series_of
-from jaxdem.io.vtkhdf import FluidFormat, ParticleFormat, SphereFormat, fluid_frame, particle_frame
 
 Tables = Mapping[str, Any]
 """A scene as nested dicts."""

@@ -1,4 +1,4 @@
-"""VTKHDF 2.0 frames that open in ParaView: particles as temporal PolyData, the fluid as ImageData.
+"""What VTKHDF 2.0 files share, which open in ParaView; those of particles, bonds and fluid have a module each.
 
 Coordinates are VTK's: three components. A 2-D scene (x, z) is stored as (x, z, 0); its scalar angular
 velocity, about the axis out of the plane, is the third component. Layout after the "VTKHDF format
@@ -7,13 +7,11 @@ specification" (docs.vtk.org, vtk_file_formats/vtkhdf_file_format).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import h5py
 import numpy as np
 
 from jaxdem.files.hdf5 import store
-from jaxdem.io.frames import Arrays, Entries, Frame, extend
+from jaxdem.io.frames import Entries, Frame, extend
 
 ROOT = "VTKHDF"
 VERSION = (2, 0)
@@ -46,85 +44,10 @@ UNITS = {
 NUMBERS = "biuf"
 """Kinds of arrays that a frame holds: whole numbers and floats."""
 
-UNCHANGING = ("id", "radius")
-"""Point data stored once while it stays the same; later steps point at the same rows."""
 
-
-def particle_frame(time: float, arrays: Arrays) -> Frame:
-    """Particle arrays as VTK wants them.
-
-    Args:
-        time: simulated time [s].
-        arrays: `position` (N, D) [m]; any of `velocity` (N, D) [m/s], `angular_velocity` (N, 3), in 2-D
-            (N,) or (N, 1) [rad/s], `drag_force`, `contact_force` (N, D) [N], `radius` (N,) [m], `id` (N,);
-            others as (N,) or (N, D). Without `id`, row i is particle i.
-
-    Returns:
-        A frame with vectors (N, 3); dtypes as given, `id` int64.
-
-    Raises:
-        ValueError: an array does not have N rows, or D is neither 2 nor 3.
-    """
-    position = np.asarray(arrays["position"])
-    if position.ndim != 2 or position.shape[1] not in (2, 3):
-        raise ValueError(f"position has shape {position.shape}, expected (N, 2) or (N, 3)")
-    number, dimension = position.shape
-    stored: dict[str, np.ndarray] = {}
-    for name, given in {"id": np.arange(number), **arrays}.items():
-        array = np.asarray(given)
-        if array.shape[:1] != (number,):
-            raise ValueError(f"{name} has shape {array.shape}, expected {number} rows")
-        if name == "id":
-            array = array.astype(np.int64)
-        elif name == "angular_velocity" and dimension == 2:
-            array = _out_of_plane(array)
-        elif array.ndim == 2 and array.shape[1] == 2:
-            array = _three_components(array)
-        stored[name] = array
-    return Frame(float(time), stored, {"dimension": dimension})
-
-
-def fluid_frame(time: float, arrays: Arrays, spacing: Sequence[float], depth: float) -> Frame:
-    """Cell arrays of the fluid with the geometry of the grid; the corner of the domain is the origin.
-
-    Args:
-        time: simulated time [s].
-        arrays: `velocity` cells + (D,) [m/s], `pressure` cells [Pa], `void_fraction` cells, indexed
-            [ix, iy] or [ix, iy, iz].
-        spacing: size (D,) of a cell [m].
-        depth: thickness [m] of the one layer of cells of a 2-D scene, centred on the plane of the
-            particles; not used in 3-D.
-
-    Raises:
-        ValueError: the arrays are not on the same cells, or these are neither 2-D nor 3-D.
-    """
-    cells = np.asarray(arrays["pressure"]).shape
-    dimension = len(cells)
-    if dimension not in (2, 3) or len(spacing) != dimension:
-        raise ValueError(f"pressure has shape {cells} with {len(spacing)} cell sizes, expected 2 or 3 of both")
-    stored: dict[str, np.ndarray] = {}
-    for name, given in arrays.items():
-        array = np.asarray(given)
-        if array.shape[:dimension] != cells or array.ndim > dimension + 1:
-            raise ValueError(f"{name} has shape {array.shape}, expected cells {cells} first")
-        vector = array.ndim == dimension + 1 and array.shape[-1] == 2
-        stored[name] = _three_components(array) if vector else array
-    origin, size = [0.0, 0.0, 0.0], [float(length) for length in spacing]
-    if dimension == 2:
-        origin, size = [0.0, 0.0, -0.5 * float(depth)], [*size, float(depth)]
-    geometry = {"dimension": dimension, "origin": np.array(origin), "spacing": np.array(size)}
-    return Frame(float(time), stored, geometry)
-
-
-def _three_components(array: np.ndarray) -> np.ndarray:
+def three_components(array: np.ndarray) -> np.ndarray:
     """(x, z) as (x, z, 0) along the last axis."""
     return np.pad(array, [(0, 0)] * (array.ndim - 1) + [(0, 1)])
-
-
-def _out_of_plane(array: np.ndarray) -> np.ndarray:
-    """Scalar angular velocity (N,) or (N, 1) as (0, 0, scalar); three components pass."""
-    columns = array if array.ndim == 2 else array[:, None]
-    return np.pad(columns, [(0, 0), (3 - columns.shape[1], 0)])
 
 
 class StepFormat:
@@ -178,99 +101,33 @@ class StepFormat:
         return int(root["Steps"][name][index]) if "Steps" in root else 0
 
 
-class ParticleFormat(StepFormat):
-    """Temporal PolyData: one vertex a particle, their number the same in all frames.
+class PolyDataFormat(StepFormat):
+    """Cells that are the same in all frames, with points of their own.
 
-    The topology (which point is which vertex) and the arrays of `UNCHANGING` are then the same in all
-    steps; they are stored once and the later steps carry the same offsets.
+    Attributes:
+        data: group of the arrays beside the points.
+        points: of a cell, all of which one row of `data` stands for.
+        content: what the cells are, for messages.
     """
 
-    stem = "particles"
-
-    def append(self, file: h5py.File, frame: Frame, growing: bool) -> Entries:
-        position = frame.arrays["position"]
-        names = set(frame.arrays) - {"position"}
-        if ROOT not in file:
-            self.head(file, "PolyData", frame, growing)
-            write_topology(file[ROOT], "Vertices", 1, len(position))
-        root = file[ROOT]
-        if root["NumberOfPoints"][0] != len(position):
-            raise ValueError(f"{len(position)} particles after frames of {root['NumberOfPoints'][0]}")
-        if "PointData" in root and set(root["PointData"]) != names:
-            raise ValueError(f"particle arrays {sorted(names)} after frames of {sorted(root['PointData'])}")
-        entries, chunk = append_points(root, frame, growing)
-        point_data = root.require_group("PointData")
-        for name in sorted(names):
-            start = _same_rows(point_data, name, frame.arrays[name])
-            if start is None:
-                start = extend(point_data, name, frame.arrays[name], growing, chunk)
-            entries[f"PointDataOffsets/{name}"] = start
-            name_unit(point_data[name], name)
-        return entries
+    data: str
+    points: int
+    content: str
 
     def read(self, file: h5py.File, index: int) -> Frame:
+        """See `frames.Format`."""
         root = file[ROOT]
         number = int(root["NumberOfPoints"][0])
+        rows = number // self.points
         start = self.entry(file, "PointOffsets", index)
-        arrays = {"position": root["Points"][start : start + number]}
-        for name, dataset in root["PointData"].items():
-            start = self.entry(file, f"PointDataOffsets/{name}", index)
-            arrays[name] = dataset[start : start + number]
+        arrays, lengths = {"position": root["Points"][start : start + number]}, {"position": number}
+        for name, dataset in root[self.data].items():
+            start = self.entry(file, f"{self.data}Offsets/{name}", index)
+            arrays[name] = dataset[start : start + rows]
         for name, array in arrays.items():
-            if len(array) != number or array.dtype.kind not in NUMBERS:
-                raise ValueError(f"{name} holds {array.dtype} of shape {array.shape} for {number} particles")
+            if len(array) != lengths.get(name, rows) or array.dtype.kind not in NUMBERS:
+                raise ValueError(f"{name} holds {array.dtype} of shape {array.shape} for {rows} {self.content}")
         return Frame(float(self.times(file)[index]), arrays, {"dimension": dimension_of(file)})
-
-
-class SphereFormat(ParticleFormat):
-    """Members of clumps, each as a particle whose `id` is that of its body."""
-
-    stem = "spheres"
-
-
-class FluidFormat(StepFormat):
-    """Temporal ImageData with cell data of shape (T, nz, ny, nx[, 3]) (one frame: without T): x fastest."""
-
-    stem = "fluid"
-
-    def append(self, file: h5py.File, frame: Frame, growing: bool) -> Entries:
-        dimension = frame.attributes["dimension"]
-        if ROOT not in file:
-            self.head(file, "ImageData", frame, growing)
-            self._geometry(file[ROOT], frame)
-        root = file[ROOT]
-        if "CellData" in root and set(root["CellData"]) != set(frame.arrays):
-            raise ValueError(f"fluid arrays {sorted(frame.arrays)} after frames of {sorted(root['CellData'])}")
-        cell_data = root.require_group("CellData")
-        entries: Entries = {"Values": frame.time}
-        for name, array in sorted(frame.arrays.items()):
-            turned = _x_fastest(array, dimension)
-            start = extend(cell_data, name, turned[None] if growing else turned, growing, 1)
-            entries[f"CellDataOffsets/{name}"] = start
-            name_unit(cell_data[name], name)
-        return entries
-
-    @staticmethod
-    def _geometry(root: h5py.Group, frame: Frame) -> None:
-        cells = frame.arrays["pressure"].shape
-        cells = (*cells, 1) if len(cells) == 2 else cells
-        root.attrs["WholeExtent"] = np.array([0, cells[0], 0, cells[1], 0, cells[2]], np.int32)
-        root.attrs["Origin"] = frame.attributes["origin"]
-        root.attrs["Spacing"] = frame.attributes["spacing"]
-        root.attrs["Direction"] = np.eye(3).ravel()
-
-    def read(self, file: h5py.File, index: int) -> Frame:
-        root = file[ROOT]
-        dimension, arrays = dimension_of(file), {}
-        for name, dataset in root["CellData"].items():
-            row = self.entry(file, f"CellDataOffsets/{name}", index)
-            arrays[name] = _x_first(dataset[row] if "Steps" in root else dataset[...], dimension)
-        cells = arrays["pressure"].shape
-        for name, array in arrays.items():
-            if len(cells) != dimension or array.shape[:dimension] != cells or array.dtype.kind not in NUMBERS:
-                raise ValueError(f"{name} holds {array.dtype} of shape {array.shape} for cells {cells}")
-        geometry = {"dimension": dimension, "origin": root.attrs["Origin"], "spacing": root.attrs["Spacing"]}
-        return Frame(float(self.times(file)[index]), arrays, geometry)
 
 
 def dimension_of(file: h5py.File) -> int:
@@ -310,24 +167,3 @@ def append_points(root: h5py.Group, frame: Frame, growing: bool) -> tuple[Entrie
     entries["PointOffsets"] = extend(root, "Points", points, growing, chunk)
     name_unit(root["Points"], "position")
     return entries, chunk
-
-
-def _same_rows(point_data: h5py.Group, name: str, array: np.ndarray) -> int | None:
-    """Row where the last stored `name` starts, if it may be shared and is the same as `array`."""
-    if name not in UNCHANGING or name not in point_data:
-        return None
-    start = int(point_data[name].shape[0]) - len(array)
-    stored = point_data[name][start:]
-    return start if stored.dtype == array.dtype and np.array_equal(stored, array) else None
-
-
-def _x_fastest(array: np.ndarray, dimension: int) -> np.ndarray:
-    """[ix, iy(, iz)(, component)] to [iz, iy, ix(, component)]; in 2-D with a single layer iz."""
-    turned = array.swapaxes(0, dimension - 1)
-    return turned[None] if dimension == 2 else turned
-
-
-def _x_first(array: np.ndarray, dimension: int) -> np.ndarray:
-    """The inverse of `_x_fastest`."""
-    layer = array[0] if dimension == 2 else array
-    return np.ascontiguousarray(layer.swapaxes(0, dimension - 1))

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from jaxdem.io import scene_text
+from jaxdem.io.particle_file import ParticleFormat
 from jaxdem.io.pieces import series_of
 from jaxdem.io.run_folder import SCENE
-from jaxdem.io.vtkhdf import ParticleFormat
 from jaxdem.particle_files.arrays import raw_of_arrays
 from jaxdem.particle_files.columns import Source
 from jaxdem.particle_files.raw import Raw, at_time, chosen, refusal

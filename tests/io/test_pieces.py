@@ -12,11 +12,12 @@ from vtkmodules.vtkIOHDF import vtkHDFReader
 
 from jaxdem.errors import InputError
 from jaxdem.io import checkpoint
+from jaxdem.io.fluid_file import FluidFormat, fluid_frame
 from jaxdem.io.frames import FrameSeries
 from jaxdem.io.outputs import refuse_what_is_read
+from jaxdem.io.particle_file import ParticleFormat, particle_frame
 from jaxdem.io.pieces import PieceSeries, Share, SharedSeries, pieces_in, regroup, series_of
 from jaxdem.io.run_folder import SCENE
-from jaxdem.io.vtkhdf import FluidFormat, ParticleFormat, fluid_frame, particle_frame
 
 NUMBER = 3
 
