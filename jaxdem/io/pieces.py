@@ -12,18 +12,16 @@ import dataclasses
 import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
 
 from jaxdem.errors import InputError
-from jaxdem.files.durable import aside, sync_directory
-from jaxdem.files.hdf5 import create, open_for_reading
+from jaxdem.files.durable import sync_directory
 from jaxdem.io.fluid_file import FluidFormat
 from jaxdem.io.frames import PARTS_FOLDER, Entries, Format, Frame, FrameSeries
+from jaxdem.io.master import write_master
 from jaxdem.io.particle_file import ParticleFormat
-from jaxdem.io.vtkhdf import ROOT
 
 PIECE = re.compile(r"(?P<stem>[a-z]+)\.(?P<index>\d+)-of-(?P<number>\d+)(?:\.\d{6,})?(?P<suffix>\.[a-z0-9]+)")
 """Name of a file of one process: of all its frames, or of one."""
@@ -93,8 +91,17 @@ class SharedSeries(FrameSeries):
         super().join(limit)
         self._share.barrier()
         if self._share.first:
-            write_master(self._master.parent, self._whole, self._share.number)
+            self._write_master()
         self._share.barrier()
+
+    def _write_master(self) -> None:
+        """The master of the files of all processes; none where they have no frame."""
+        series = PieceSeries(self._master.parent, self._whole, self._share.number)
+        times = series.times()
+        if len(times):
+            write_master(self._master, self._whole, series.read(0), times, series.files)
+        else:
+            self._master.unlink(missing_ok=True)
 
 
 class PieceSeries:
@@ -219,105 +226,3 @@ def joined(parts: list[Frame]) -> Frame:
     names = parts[0].arrays.keys()
     arrays = {name: np.concatenate([part.arrays[name] for part in parts]) for name in names}
     return Frame(parts[0].time, arrays, parts[0].attributes)
-
-
-def write_master(folder: Path, kind: Format, number: int) -> None:
-    """The master of the files of all processes, in which their data sets stand as one each."""
-    series = PieceSeries(folder, kind, number)
-    count = series.count()
-    place = folder / f"{kind.stem}{kind.suffix}"
-    if count == 0:
-        place.unlink(missing_ok=True)
-        return
-    paths = series.files
-    with aside(place) as temporary, create(temporary) as file:
-        head = kind.append(file, series.read(0), growing=count > 1)
-        writer = _particles if isinstance(kind, ParticleFormat) else _cells
-        entries = writer(file, paths, count)
-        kind.finish(file, [{**head, **row, "Values": time} for row, time in zip(entries, series.times(), strict=True)])
-
-
-def _particles(file: h5py.File, paths: list[Path], count: int) -> list[dict[str, Any]]:
-    """Points and point data of all steps, virtual; the rows at which each step begins."""
-    tables = {"Points": "PointOffsets"}
-    data = file[ROOT]["PointData"]
-    tables |= {f"PointData/{name}": f"PointDataOffsets/{name}" for name in data}
-    rows: list[dict[str, Any]] = [{} for _ in range(count)]
-    for name, offsets in tables.items():
-        sources = [_Source.of(path, f"{ROOT}/{name}", offsets, count) for path in paths]
-        starts = list(zip(*(source.starts for source in sources), strict=True))
-        distinct = {key: k for k, key in enumerate(dict.fromkeys(starts))}
-        sizes = [source.rows for source in sources]
-        layout = h5py.VirtualLayout((len(distinct) * sum(sizes), *sources[0].shape[1:]), sources[0].dtype)
-        for key, k in distinct.items():
-            at = k * sum(sizes)
-            for source, begin in zip(sources, key, strict=True):
-                layout[at : at + source.rows] = source.virtual[begin : begin + source.rows]
-                at += source.rows
-        _replace(file[ROOT], name, layout)
-        for row, key in zip(rows, starts, strict=True):
-            row[offsets] = distinct[key] * sum(sizes)
-    return rows
-
-
-def _cells(file: h5py.File, paths: list[Path], count: int) -> list[dict[str, Any]]:
-    """Cell data of all steps, virtual: (T, nz, ny, nx[, 3]), cut along x."""
-    rows: list[dict[str, Any]] = [{} for _ in range(count)]
-    axis = 3 if count > 1 else 2
-    for name in file[ROOT]["CellData"]:
-        sources = [_Source.of(path, f"{ROOT}/CellData/{name}", f"CellDataOffsets/{name}", count) for path in paths]
-        shape = list(sources[0].shape)
-        shape[axis] = sum(source.shape[axis] for source in sources)
-        layout = h5py.VirtualLayout(tuple(shape), sources[0].dtype)
-        at = 0
-        for source in sources:
-            place = [slice(None)] * len(shape)
-            place[axis] = slice(at, at + source.shape[axis])
-            layout[tuple(place)] = source.virtual
-            at += source.shape[axis]
-        _replace(file[ROOT], f"CellData/{name}", layout)
-        for k, row in enumerate(rows):
-            row[f"CellDataOffsets/{name}"] = k
-    return rows
-
-
-@dataclasses.dataclass(frozen=True)
-class _Source:
-    """A data set in the file of one process: where it is, and the row at which each step begins."""
-
-    virtual: h5py.VirtualSource
-    shape: tuple[int, ...]
-    dtype: np.dtype
-    rows: int
-    starts: list[int]
-
-    @classmethod
-    def of(cls, path: Path, name: str, offsets: str, count: int) -> _Source:
-        with open_for_reading(path) as file:
-            root, dataset = file[ROOT], file[name]
-            starts = root["Steps"][offsets][...].tolist() if "Steps" in root else [0] * count
-            rows = int(root["NumberOfPoints"][0]) if "NumberOfPoints" in root else 1
-            # By name, beside the master: a run directory may be moved.
-            virtual = h5py.VirtualSource(path.name, name, dataset.shape, dataset.dtype)
-            return cls(virtual, dataset.shape, dataset.dtype, rows, starts)
-
-
-def _replace(group: h5py.Group, name: str, layout: h5py.VirtualLayout) -> None:
-    """The data set of the first step that `append` wrote becomes the virtual one of all steps."""
-    attributes = dict(group[name].attrs)
-    del group[name]
-    found = group.create_virtual_dataset(name, layout)
-    found.attrs.update(attributes)
-
-
-__all__ = [
-    "PieceSeries",
-    "Share",
-    "SharedSeries",
-    "joined",
-    "part_of",
-    "pieces_in",
-    "regroup",
-    "series_of",
-    "write_master",
-]
