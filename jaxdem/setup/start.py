@@ -30,6 +30,7 @@ from jaxdem.scene import Scene
 from jaxdem.scene.rows import Numbers, rows_of
 from jaxdem.setup.cut_liquid import liquid_beside_walls
 from jaxdem.setup.first_parts import Begun, with_parts
+from jaxdem.setup.first_scalars import first_scalars
 from jaxdem.setup.fluid import fluid_velocity
 from jaxdem.setup.fluid_walls import with_start_of_solver
 from jaxdem.setup.inlet_regions import inlet_space
@@ -41,7 +42,6 @@ from jaxdem.setup.overlaps import (
     check_surfaces,
 )
 from jaxdem.setup.particles import ParticleSetup
-from jaxdem.setup.scalars import first_scalars
 from jaxdem.setup.surface import first_fraction, with_liquid
 from jaxdem.simulation import Simulation, contact_spheres
 from jaxdem.state import Parameters, State

@@ -21,9 +21,9 @@ from jaxdem.particles.neighbors import Neighbors, Room
 from jaxdem.scene import Scene
 from jaxdem.scene.rows import rows_of
 from jaxdem.setup.first_parts import Begun, with_parts
+from jaxdem.setup.first_scalars import first_scalars
 from jaxdem.setup.overlaps import allowed_overlap, check_initial_positions, check_meshes, check_surfaces
 from jaxdem.setup.particles import ParticleSetup
-from jaxdem.setup.scalars import first_scalars
 from jaxdem.setup.start import initial_void_fraction, inlet_places, resting_fluid, with_mesh_memory
 from jaxdem.setup.start_point import StartPoint, of_deposit, walls_of
 from jaxdem.setup.started_fluid import StartedFluid
