@@ -13,6 +13,7 @@ from jaxdem.scalars.conduction import Conduction, ConductionNumbers
 from jaxdem.scene import Scene
 from jaxdem.scene.heat import Heat as HeatTable
 from jaxdem.setup.particles import ParticleSetup
+from jaxdem.setup.walls import surfaces_of
 from jaxdem.structure import TimeSteps
 
 CONDUCTED = 0.25
@@ -68,8 +69,7 @@ def _wall_temperatures(scene: Scene, particles: ParticleSetup) -> list[float | N
             sides.append(table.temperature)
     surfaces: list[float | None] = []
     for wall in scene.walls:
-        if wall.kind != "mesh":
-            surfaces += [wall.temperature] * (2 if wall.kind == "wedge" else 1)
+        surfaces += [wall.temperature] * len(surfaces_of(wall))
     return sides + surfaces
 
 

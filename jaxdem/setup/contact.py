@@ -34,7 +34,8 @@ from jaxdem.setup.extensions import Extensions
 from jaxdem.setup.particles import ParticleSetup
 from jaxdem.setup.size_levels import list_skin, size_levels
 from jaxdem.setup.wall_motion import surface_motions
-from jaxdem.setup.walls import scene_surfaces, wall_times
+from jaxdem.setup.wall_times import wall_times
+from jaxdem.setup.walls import scene_surfaces
 from jaxdem.setup.wear import wear_law
 from jaxdem.structure import TimeSteps
 

@@ -25,7 +25,8 @@ from jaxdem.scene.fluid_walls import keeps_place, seen_by_fluid
 from jaxdem.scene.walls import Wall
 from jaxdem.setup.fluid_meshes import distance_of_body, mesh_distance
 from jaxdem.setup.wall_motion import motion_numbers, rigid_motion, tables_of, wall_speed
-from jaxdem.setup.walls import check_presence, surfaces_of
+from jaxdem.setup.wall_times import check_presence
+from jaxdem.setup.walls import surfaces_of
 from jaxdem.solids.clipping import positive_part
 from jaxdem.solids.motion import Drift, RigidMotion, Translation
 from jaxdem.solids.motion_tables import number, placement_of, unit

@@ -10,6 +10,7 @@ from jaxdem.particles.mixing import Mixing, of_materials, of_pairs
 from jaxdem.scene import Contact, Scene
 from jaxdem.scene.cohesion import STRENGTH, Cohesion
 from jaxdem.scene.materials import WALL
+from jaxdem.setup.walls import surfaces_of
 
 OF_ONE = ("young_modulus", "poisson_ratio")
 """Constants that a material has and a pair has not."""
@@ -86,10 +87,9 @@ def material_table(scene: Scene) -> MaterialTable | None:
     meshes: list[int] = []
     for wall in scene.walls:
         number = sides if wall.material is None else names.index(wall.material)
+        surfaces += [number] * len(surfaces_of(wall))
         if wall.kind == "mesh":
             meshes.append(number)
-        else:
-            surfaces += [number] * (2 if wall.kind == "wedge" else 1)
     found = MaterialTable(names, **own, **mixed, pair=pair, given=given, sides=sides, surfaces=tuple(surfaces))
     return found._replace(meshes=tuple(meshes))
 
