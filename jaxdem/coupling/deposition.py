@@ -13,7 +13,8 @@ from typing import Protocol
 import numpy as np
 from jax import Array
 
-from jaxdem.coupling.interpolation import KernelWidth, Weights, kernel_weights, point_weights
+from jaxdem.coupling.interpolation import Weights
+from jaxdem.coupling.kernel import KernelWidth, kernel_weights, point_weights
 from jaxdem.fluid.grid import Grid
 from jaxdem.numerics.host import namespace
 from jaxdem.numerics.static import static

@@ -39,7 +39,8 @@ import numpy as np
 from jax import Array
 
 from jaxdem.closures.base import Drag, DragInputs
-from jaxdem.coupling.interpolation import Weights, each_cell_once, in_reach
+from jaxdem.coupling.interpolation import Weights, in_reach
+from jaxdem.coupling.kernel import each_cell_once
 from jaxdem.coupling.open_cells import open_weights
 from jaxdem.fluid.cut_cells import CutCells
 from jaxdem.fluid.grid import Grid

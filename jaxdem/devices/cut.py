@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 
 from jaxdem.coupling.coupled import Coupling
-from jaxdem.coupling.interpolation import halo_layers
+from jaxdem.coupling.halo import halo_layers
 from jaxdem.errors import InputError
 from jaxdem.fluid.grid import Grid
 from jaxdem.fluid.two_fluids import TwoFluidSolver

@@ -13,7 +13,7 @@ from jax import lax
 import jaxdem
 from jaxdem.closures import DRAG_LAWS
 from jaxdem.coupling.coupled import Mixture
-from jaxdem.coupling.interpolation import kernel_weights
+from jaxdem.coupling.kernel import kernel_weights
 from jaxdem.coupling.void_fraction import solid_fraction
 
 LAWS = tuple(DRAG_LAWS)

@@ -13,7 +13,7 @@ from jax import lax
 import jaxdem
 from jaxdem.closures import DRAG_LAWS
 from jaxdem.closures.base import Drag
-from jaxdem.coupling.interpolation import kernel_weights
+from jaxdem.coupling.kernel import kernel_weights
 from jaxdem.coupling.void_fraction import solid_fraction
 from jaxdem.failures import failures
 from jaxdem.fluid.grid import face_average, face_total

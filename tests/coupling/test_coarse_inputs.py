@@ -9,7 +9,7 @@ import jaxdem
 from jaxdem.check.check import check_scene
 from jaxdem.closures.base import Drag
 from jaxdem.coupling.coupled import Mixture
-from jaxdem.coupling.interpolation import kernel_weights
+from jaxdem.coupling.kernel import kernel_weights
 from jaxdem.coupling.void_fraction import solid_fraction
 from jaxdem.errors import InputError
 from jaxdem.fluid.fluid_state import FluidState

@@ -9,7 +9,8 @@ import pytest
 
 import jaxdem
 from jaxdem.coupling.deposition import Centre, Diffusion, Divided, Kernel, OwnKernel, gaussian_matrix, sphere_points
-from jaxdem.coupling.interpolation import KernelWidth, deposit, deposit_on_faces, interpolate_faces
+from jaxdem.coupling.interpolation import deposit, deposit_on_faces, interpolate_faces
+from jaxdem.coupling.kernel import KernelWidth
 from jaxdem.coupling.void_fraction import solid_fraction
 from jaxdem.fluid.grid import Grid, face_total
 from tests.cases import extremes

@@ -8,15 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxdem.coupling import interpolation
-from jaxdem.coupling.interpolation import (
-    KernelWidth,
-    deposit,
-    deposit_on_faces,
-    interpolate,
-    interpolate_faces,
-    kernel_weights,
-)
+from jaxdem.coupling import kernel
+from jaxdem.coupling.interpolation import deposit, deposit_on_faces, interpolate, interpolate_faces
+from jaxdem.coupling.kernel import KernelWidth, kernel_weights
 from jaxdem.coupling.void_fraction import solid_fraction
 from jaxdem.fluid.grid import Grid, cell_average, face_total, share_to_faces
 
@@ -153,7 +147,7 @@ def test_wider_kernel_makes_less_force_noise():
 
 def test_nearest_cell_weights_would_fail_the_smoothness(monkeypatch):
     """Negative control: an all-or-nothing weight jumps."""
-    monkeypatch.setattr(interpolation, "_cumulative_triangle", lambda x: jnp.where(x < 0, 0.0, 1.0))
+    monkeypatch.setattr(kernel, "_cumulative_triangle", lambda x: jnp.where(x < 0, 0.0, 1.0))
     coarse, fine = path_profile(1.0, 401)[0], path_profile(1.0, 801)[0]
     assert np.abs(np.diff(coarse)).max() / np.abs(np.diff(fine)).max() < 1.1
 

@@ -7,7 +7,8 @@ import pytest
 from scipy.spatial import KDTree
 
 import jaxdem
-from jaxdem.coupling.interpolation import deposit, interpolate, kernel_weights
+from jaxdem.coupling.interpolation import deposit, interpolate
+from jaxdem.coupling.kernel import kernel_weights
 from jaxdem.coupling.own_volume import scatter_of_discs, scatter_of_spheres
 from jaxdem.coupling.presence import present_weights
 from jaxdem.coupling.self_disturbance import own_solid_fraction

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxdem.coupling.interpolation import kernel_weights
+from jaxdem.coupling.kernel import kernel_weights
 from jaxdem.fluid.boundary import Boundary, Side
 from jaxdem.fluid.grid import Grid, divergence
 from jaxdem.fluid.scalar_transport import ScalarField, ScalarNumbers, ScalarTransport, Stream

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxdem.coupling.interpolation import kernel_weights
+from jaxdem.coupling.kernel import kernel_weights
 from jaxdem.failures import Failure
 from jaxdem.fluid import momentum
 from tests.cases.suspensions import CELLS, DEPTH, RADIUS, SIDE, STOKES_TIME, Suspension
