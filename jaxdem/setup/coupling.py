@@ -11,7 +11,7 @@ from jaxdem.coupling.deposition import Centre, Deposition, Diffusion, Divided, K
 from jaxdem.coupling.drag import DragModel
 from jaxdem.coupling.forces import FORCES, Basset, FluidForce, RotationalDrag, VirtualMass
 from jaxdem.coupling.forces.lift import Lift
-from jaxdem.coupling.interpolation import KernelWidth, cells_under
+from jaxdem.coupling.kernel import KernelWidth, cells_under
 from jaxdem.coupling.self_disturbance import LARGEST_STOKES_SHARE, SelfDisturbance, kernel_mobility
 from jaxdem.coupling.surroundings import Surroundings
 from jaxdem.errors import InputError

@@ -1,27 +1,16 @@
-"""How deep particles may overlap each other and walls at the start, and the refusal of what is deeper. Host side."""
+"""How deep particles may overlap each other and the sides of the box at the start; more is refused. Host side."""
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Sequence
 from typing import NamedTuple
 
-import jax
 import numpy as np
-from jax import Array
 
 from jaxdem.errors import InputError, required
-from jaxdem.numerics import vectors
-from jaxdem.numerics.placement import Placement
 from jaxdem.particles import packing
-from jaxdem.particles.integrate import ParticleState, split_low
-from jaxdem.particles.surfaces import Surface, surface_contacts
 from jaxdem.scene import Scene
 from jaxdem.setup.bodies import Bodies
-from jaxdem.setup.inlet_regions import inlet_space
-from jaxdem.setup.meshes import WallMesh
 from jaxdem.setup.particles import ParticleSetup
-from jaxdem.setup.walls import wall_keys
 
 INSERTION_OVERLAP = 0.01
 """Two particles of a pack may overlap by this part of the smaller diameter."""
@@ -82,10 +71,10 @@ def check_initial_positions(particles: ParticleSetup) -> None:
     if part > allowed.part:
         raise InputError(
             allowed.key,
-            f"particle {rows[index]} at {_point(position[index])} m",
+            f"particle {rows[index]} at {at_text(position[index])} m",
             f"its centre lies outside of the box, beyond the {sides} wall"
             if part > 0.5
-            else f"it reaches {_percent(part)} of its diameter into the {sides} wall, {allowed}",
+            else f"it reaches {percent_text(part)} of its diameter into the {sides} wall, {allowed}",
             allowed.move,
         )
     if not particles.is_started:
@@ -123,14 +112,15 @@ def _check_pairs(particles: ParticleSetup, rows: np.ndarray, allowed: Overlap, s
             one, other = sorted((int(owners[first]), int(owners[second])))
             raise InputError(
                 particles.packs[other].key,
-                f"particles at {_point(position[first])} and {_point(position[second])} m",
+                f"particles at {at_text(position[first])} and {at_text(position[second])} m",
                 f"one is of {particles.packs[one].key}; they overlap by {100 * worst:.3g} % of a diameter, {allowed}",
                 "move the packs apart, or make one smaller",
             )
         spread = "raise particles.pack.spacing, or lower particles.pack.jitter"
         raise InputError(
             allowed.key,
-            f"particles {rows[first]} and {rows[second]} at {_point(position[first])} and {_point(position[second])} m",
+            f"particles {rows[first]} and {rows[second]} at {at_text(position[first])} and "
+            f"{at_text(position[second])} m",
             f"they overlap by {100 * worst:.3g} % of a diameter, {allowed}",
             spread if allowed.key == "particles.pack" else allowed.move,
         )
@@ -148,8 +138,8 @@ def _check_clumps(particles: ParticleSetup) -> None:
     if part > allowed.part:
         raise InputError(
             allowed.key,
-            f"clump {body[index]} at {_point(particles.position[body[index]])} m",
-            f"one of its spheres reaches {_percent(part)} of its diameter into the {sides} wall, {allowed}",
+            f"clump {body[index]} at {at_text(particles.position[body[index]])} m",
+            f"one of its spheres reaches {percent_text(part)} of its diameter into the {sides} wall, {allowed}",
             allowed.move,
         )
     worst, *pair = packing.deepest_overlap(position, radius, scene.domain.size, scene.periodic, body=body)
@@ -157,155 +147,18 @@ def _check_clumps(particles: ParticleSetup) -> None:
         first, second = body[pair]
         raise InputError(
             allowed.key,
-            f"clumps {first} and {second} at {_point(particles.position[first])} and "
-            f"{_point(particles.position[second])} m",
+            f"clumps {first} and {second} at {at_text(particles.position[first])} and "
+            f"{at_text(particles.position[second])} m",
             f"two of their spheres overlap by {100 * worst:.3g} % of a diameter, {allowed}",
             allowed.move,
         )
 
 
-def check_surfaces(
-    scene: Scene,
-    surfaces: tuple[Surface, ...],
-    present: np.ndarray | None,
-    particles: ParticleState,
-    radius: Array,
-    allowed: Overlap,
-    placed: tuple[Placement | None, ...] = (),
-) -> None:
-    """Refuses particles that overlap a wall beside the sides of the box, or lie behind it.
-
-    Args:
-        scene: that the walls belong to.
-        surfaces: the walls, those given as functions last.
-        present: (W,) bool, which of them are there at the start; None for all.
-        particles: at the start; those still to come are checked when they come.
-        radius: () or (N,) [m].
-        allowed: overlap at the start.
-        placed: where each of the walls is at the start; empty where all are at rest.
-
-    Raises:
-        InputError: naming the particle and the wall.
-    """
-    if not surfaces:
-        return
-    at, at_low = jax.device_get((particles.position, particles.position_low))
-    position, low = vectors.components(at), split_low(at_low, at.shape[1])
-    # As one program: operation by operation it takes seconds to compile.
-    overlap, _ = jax.jit(functools.partial(surface_contacts, surfaces))(position, low, radius, placed)
-    depth = np.asarray(overlap) / (2.0 * np.asarray(radius))
-    present = None if present is None else present[: len(surfaces)]
-    inside = ~(depth <= allowed.part)  # an overlap that is not a number too
-    if present is not None:
-        inside &= present[:, None]
-    if particles.active is not None:
-        inside &= np.asarray(particles.active)
-    if inside.any():
-        wall, index = np.unravel_index(np.argmax(np.where(inside, depth, -np.inf)), depth.shape)
-        names = [f"{key} ({kind})" for key, kind in wall_keys(scene)]
-        name = names[int(wall)] if wall < len(names) else "a wall given as a function"
-        raise InputError(
-            allowed.key,
-            f"particle {index} at {_point(np.asarray(particles.position[index]))} m",
-            f"it reaches {_percent(depth[wall, index])} of its diameter into {name}, {allowed}",
-            f"{allowed.move}, or move the wall"
-            + ("; the normal of a wall points to the particles" if depth[wall, index] > 1.0 else ""),
-        )
-
-
-def check_meshes(
-    meshes: Sequence[WallMesh],
-    present: np.ndarray | None,
-    particles: ParticleState,
-    radius: Array,
-    allowed: Overlap,
-    placed: tuple[Placement | None, ...] = (),
-) -> None:
-    """Refuses particles that overlap a wall that is a mesh, or lie inside of a closed one that is touched from its
-    front alone.
-
-    Args:
-        meshes: of the scene.
-        present: (W,) bool, which walls beside the sides are there at the start, the meshes last; None for all.
-        particles, radius, allowed, placed: see `check_surfaces`; the meshes last.
-
-    Raises:
-        InputError: naming the particle and the wall.
-    """
-    if not meshes:
-        return
-    there = np.full(len(particles.position), True) if particles.active is None else np.asarray(particles.active)
-    rows = np.flatnonzero(there)
-    position = np.asarray(particles.position, float)[rows]
-    if particles.position_low is not None:
-        position = position + np.asarray(particles.position_low, float)[rows]
-    size = np.broadcast_to(np.asarray(radius, float), len(there))[rows]
-    shown = np.full(len(meshes), True) if present is None else present[-len(meshes) :]
-    for (mesh, place), is_there in zip(_placed_meshes(meshes, placed), shown, strict=True):
-        depth = mesh.depth(_in_body(place, position), size) / (2.0 * size)
-        if is_there and len(rows) and depth.max() > allowed.part:
-            index = int(np.argmax(depth))
-            deep = "lies inside of" if depth[index] >= 1.0 else f"reaches {_percent(depth[index])} of its diameter into"
-            raise InputError(
-                allowed.key,
-                f"particle {rows[index]} at {_point(position[index])} m",
-                f"it {deep} {mesh.key} (mesh), {allowed}",
-                f"{allowed.move}, or move the wall",
-            )
-
-
-def _placed_meshes(
-    meshes: Sequence[WallMesh], placed: tuple[Placement | None, ...]
-) -> list[tuple[WallMesh, Placement | None]]:
-    """Each mesh and where it is, the last of `placed`."""
-    return list(zip(meshes, placed[-len(meshes) :] or (None,) * len(meshes), strict=True))
-
-
-def _in_body(placed: Placement | None, position: np.ndarray) -> np.ndarray:
-    """Positions (N, D) in the frame of a wall, which may have moved, in float64 [m]."""
-    if placed is None:
-        return position
-
-    def whole(high: Array, low: Array | None) -> np.ndarray:
-        found = np.asarray(high, float)
-        return found if low is None else found + np.asarray(low, float)
-
-    apart = position - whole(placed.shift, placed.shift_low)
-    return apart if placed.rotation is None else apart @ whole(placed.rotation, placed.rotation_low)
-
-
-def check_inlets_beside_meshes(particles: ParticleSetup, placed: tuple[Placement | None, ...] = ()) -> None:
-    """Refuses a mesh in the region of an inlet: particles that come in do not look for it.
-
-    Args:
-        particles: of the scene.
-        placed: see `check_meshes`.
-
-    Raises:
-        InputError: naming the inlet and the wall.
-    """
-    if not particles.meshes:
-        return
-    drawn = np.random.default_rng(0).uniform(size=(4096, particles.scene.dimension))
-    for k, inlet in enumerate(particles.table.inlet):
-        key, corners = f"particles.inlet.{k}", (inlet.start or (), inlet.stop or ())
-        largest = float(np.max(particles.bodies.radius, initial=0.0))
-        space = None if inlet.region is None else inlet_space(key, inlet.region, particles.scene.box, largest)
-        if space is not None:
-            corners = space.bounds
-        places = np.asarray(corners[0]) + drawn * np.subtract(corners[1], corners[0])
-        for mesh, place in _placed_meshes(particles.meshes, placed):
-            if space is not None:  # their centres are so far inside
-                places = places[space.inside(places, mesh.largest)]
-            radius = np.full(len(places), mesh.largest)
-            if mesh.depth(_in_body(place, places), radius).max(initial=-np.inf) > 0.0:
-                limit = f"{mesh.key} (mesh) lies in it or touches its particles, and they would come in on it"
-                raise InputError(key, "...", limit, "move the inlet or the wall")
-
-
-def _point(row: np.ndarray) -> str:
+def at_text(row: np.ndarray) -> str:
+    """A position as messages have it."""
     return "(" + ", ".join(f"{value:.5g}" for value in row) + ")"
 
 
-def _percent(part: float) -> str:
+def percent_text(part: float) -> str:
+    """A part of a diameter as messages have it."""
     return f"{100 * part:.3g} %" if part < 10.0 else f"{100 * part:,.0f} %"

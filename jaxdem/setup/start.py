@@ -34,15 +34,10 @@ from jaxdem.setup.first_scalars import first_scalars
 from jaxdem.setup.fluid import fluid_velocity
 from jaxdem.setup.fluid_walls import with_start_of_solver
 from jaxdem.setup.inlet_regions import inlet_space
-from jaxdem.setup.overlaps import (
-    allowed_overlap,
-    check_initial_positions,
-    check_inlets_beside_meshes,
-    check_meshes,
-    check_surfaces,
-)
+from jaxdem.setup.overlaps import allowed_overlap, check_initial_positions
 from jaxdem.setup.particles import ParticleSetup
 from jaxdem.setup.surface import first_fraction, with_liquid
+from jaxdem.setup.wall_overlaps import check_inlets_beside_meshes, check_meshes, check_surfaces
 from jaxdem.simulation import Simulation, contact_spheres
 from jaxdem.state import Parameters, State
 

@@ -22,7 +22,7 @@ from jaxdem.scene import Scene
 from jaxdem.scene.rows import rows_of
 from jaxdem.setup.first_parts import Begun, with_parts
 from jaxdem.setup.first_scalars import first_scalars
-from jaxdem.setup.overlaps import allowed_overlap, check_initial_positions, check_meshes, check_surfaces
+from jaxdem.setup.overlaps import allowed_overlap, check_initial_positions
 from jaxdem.setup.particles import ParticleSetup
 from jaxdem.setup.start import initial_void_fraction, inlet_places, resting_fluid, with_mesh_memory
 from jaxdem.setup.start_point import StartPoint, of_deposit, walls_of
@@ -31,6 +31,7 @@ from jaxdem.setup.started_list import carried_springs, widened_list
 from jaxdem.setup.started_meshes import kept_of_meshes
 from jaxdem.setup.started_particles import StartedParticles
 from jaxdem.setup.stored import stored_room
+from jaxdem.setup.wall_overlaps import check_meshes, check_surfaces
 from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters, State
 
