@@ -27,7 +27,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script from anywh
 import jaxdem
 from jaxdem.closures import NeighborClosure, load_closure
 from jaxdem.step import advance_fluid, advance_particles
-from jaxdem.train.neighbors import SIZES
+from jaxdem.train.neighbor_settings import SIZES
 
 DIAMETER, REPETITIONS = 0.01, 7
 SIDES = ("left", "right", "bottom", "top", "front", "back")

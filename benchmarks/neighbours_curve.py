@@ -19,8 +19,10 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script from anywhere
 
 from jaxdem.closures import NeighborClosure
+from jaxdem.train.level_fit import fitted
 from jaxdem.train.neighbor_scores import scores
-from jaxdem.train.neighbors import SIZES, NeighborSettings, fitted, with_scale
+from jaxdem.train.neighbor_settings import SIZES, NeighborSettings
+from jaxdem.train.neighbor_statistics import with_scale
 from jaxdem.train.sphere_moments import group_moments, predicted
 from jaxdem.train.spheres import Floats, SphereGroup, read_spheres
 

@@ -110,7 +110,8 @@ def _train_neighbours(data: Sequence[Path], out: Path, given: dict[str, Any], qu
     start_jax()
     from jaxdem.cli import progress
     from jaxdem.closures import save_closure
-    from jaxdem.train.neighbors import NeighborSettings, fit_neighbors
+    from jaxdem.train.neighbor_settings import NeighborSettings
+    from jaxdem.train.neighbors import fit_neighbors
 
     settings = NeighborSettings(**{**chosen, **({"size": chosen["size"].value} if "size" in chosen else {})})
     with progress.counted("epoch", quiet) as report:

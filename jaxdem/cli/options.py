@@ -53,7 +53,7 @@ class Loss(StrEnum):
 
 
 class Size(StrEnum):
-    """How large a closure of neighbours is; names of `jaxdem.train.neighbors.SIZES`."""
+    """How large a closure of neighbours is; names of `jaxdem.train.neighbor_settings.SIZES`."""
 
     large = "large"
     medium = "medium"

@@ -11,7 +11,8 @@ import numpy as np
 from jax import Array
 
 from jaxdem.closures.moments import Offset, carried_moments
-from jaxdem.closures.neighbors import NeighborClosure, Response, conditions, presence
+from jaxdem.closures.neighbor_range import conditions, presence
+from jaxdem.closures.neighbors import NeighborClosure, Response
 
 THERE: Any = np.ones((1, 1), bool)
 """One sphere with one neighbour."""

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from jaxdem.closures.ensemble import EnsembleClosure
 from jaxdem.closures.invariant import WITHOUT_PRESSURE, InvariantClosure
 from jaxdem.closures.moments import MomentBasis
-from jaxdem.closures.neighbors import ORDER, NeighborClosure, Width
+from jaxdem.closures.neighbor_level import ORDER, Width
+from jaxdem.closures.neighbors import NeighborClosure
 from jaxdem.closures.network import PaperNetwork
 from jaxdem.closures.registry import drag_law, drag_law_name
 from jaxdem.closures.subgrid import SubgridClosure

@@ -10,7 +10,8 @@ from jax import Array
 from jaxdem.closures.base import DragInputs
 from jaxdem.closures.correlation import Correlation
 from jaxdem.closures.neighbor_places import Frame
-from jaxdem.closures.neighbors import DENSEST, Response, positive_multiple
+from jaxdem.closures.neighbor_range import DENSEST
+from jaxdem.closures.neighbors import Response, positive_multiple
 
 
 class NeighborEffect(NamedTuple):

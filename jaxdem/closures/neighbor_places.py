@@ -10,7 +10,8 @@ import jax.numpy as jnp
 from jax import Array, lax
 
 from jaxdem.closures.moments import Offset, carried_moments
-from jaxdem.closures.neighbors import NeighborClosure, Response, conditions, presence
+from jaxdem.closures.neighbor_range import conditions, presence
+from jaxdem.closures.neighbors import NeighborClosure, Response
 from jaxdem.numerics.vectors import components, row_lengths
 
 Frame = tuple[Array, Array, Array]

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 
 from jaxdem.closures.base import DragClosure
-from jaxdem.closures.neighbors import DENSEST, NeighborClosure
+from jaxdem.closures.neighbor_range import DENSEST
+from jaxdem.closures.neighbors import NeighborClosure
 from jaxdem.coupling.surroundings import Surroundings
 from jaxdem.errors import InputError
 from jaxdem.particles.cells import CellGrid

@@ -13,7 +13,8 @@ from jax import Array
 from numpy.typing import NDArray
 
 from jaxdem.closures.moments import MomentBasis, Offset, carried_moments, moments, with_wake
-from jaxdem.closures.neighbors import CONDITIONS, NeighborClosure, Response, conditions, presence
+from jaxdem.closures.neighbor_range import CONDITIONS, conditions, presence
+from jaxdem.closures.neighbors import NeighborClosure, Response
 from jaxdem.train.spheres import Floats, SphereGroup
 
 AT_ONCE = 8192

@@ -18,17 +18,10 @@ from jaxdem.closures.export import export_closure
 from jaxdem.closures.export_neighbors_onnx import OF_SPHERES
 from jaxdem.closures.moments import MomentBasis, angular_functions, carried_moments, moments, radial_functions
 from jaxdem.closures.neighbor_effect import neighbor_effect
+from jaxdem.closures.neighbor_level import Width
 from jaxdem.closures.neighbor_places import SLOTS_AT_ONCE, Places, axes_along, fluctuation
-from jaxdem.closures.neighbors import (
-    FADING,
-    REYNOLDS,
-    SMALLEST_MULTIPLE,
-    SOLID_FRACTION,
-    Width,
-    conditions,
-    positive_multiple,
-    range_weight,
-)
+from jaxdem.closures.neighbor_range import FADING, REYNOLDS, SOLID_FRACTION, conditions, range_weight
+from jaxdem.closures.neighbors import SMALLEST_MULTIPLE, positive_multiple
 from jaxdem.train.sphere_moments import group_moments, predicted, with_carried
 from jaxdem.train.spheres import SphereGroup
 

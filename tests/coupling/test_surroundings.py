@@ -11,8 +11,8 @@ import pytest
 import jaxdem
 from jaxdem.closures import NeighborClosure
 from jaxdem.closures.moments import MomentBasis
+from jaxdem.closures.neighbor_level import Width
 from jaxdem.closures.neighbor_places import axes_along
-from jaxdem.closures.neighbors import Width
 from jaxdem.coupling import surroundings
 from jaxdem.errors import InputError
 from jaxdem.step import advance_fluid

@@ -11,7 +11,7 @@ import jaxdem
 from jaxdem import InputError, devices
 from jaxdem.closures import NeighborClosure
 from jaxdem.closures.moments import MomentBasis
-from jaxdem.closures.neighbors import Width
+from jaxdem.closures.neighbor_level import Width
 from jaxdem.coupling.far_ghosts import FarGhosts
 from jaxdem.devices.mesh import SAME, SLABS, STATE, on_slabs
 from tests.cases.tiers import COMBINATION

@@ -9,7 +9,8 @@ from typer.testing import CliRunner
 from jaxdem.cli.main import app
 from jaxdem.closures.file import load_neighbors
 from jaxdem.train.neighbor_scores import evaluate_neighbours
-from jaxdem.train.neighbors import SIZES, fewer
+from jaxdem.train.neighbor_settings import SIZES
+from jaxdem.train.neighbors import fewer
 from jaxdem.train.spheres import read_spheres
 
 BOX, SPHERES, ARRAYS = 5.5, 24, 80
