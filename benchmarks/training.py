@@ -29,9 +29,9 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script from anywh
 from benchmarks import harness
 from benchmarks.drag_cost import DIMENSION, random_inputs
 from jaxdem.closures import KochHill, PaperNetwork
-from jaxdem.train.fit import PaperLoss
 from jaxdem.train.fit_loop import Network, Outcome, Plan, Progress, minimize
 from jaxdem.train.fit_settings import FitSettings
+from jaxdem.train.recipe_paper import PaperLoss
 
 NETWORKS = 8
 PAPER_S = 1856.0

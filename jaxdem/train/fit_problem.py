@@ -213,6 +213,11 @@ def mean_and_scale(values: Forces) -> tuple[Forces, Forces]:
     return mean, np.where(varies, deviation, 1.0)
 
 
+def normalised(values: Forces, mean: Array, scale: Array) -> Array:
+    """(M, K) less mean, by scale (K,), in single precision."""
+    return on_device((values - np.asarray(mean, np.float64)[None]) / np.asarray(scale, np.float64)[None])
+
+
 def on_device(values: Forces) -> Array:
     """A JAX array in single precision."""
     return jnp.asarray(values, jnp.float32)

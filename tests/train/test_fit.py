@@ -13,9 +13,10 @@ from jaxdem.closures import InvariantClosure, load_closure, save_closure
 from jaxdem.closures.invariant import WIDE
 from jaxdem.errors import InputError, RunError
 from jaxdem.train.dataset_file import SCALARS, VECTORS, read_dataset, write_dataset
-from jaxdem.train.fit import FitSettings, filtered_problem, fit_filtered, fit_paper
+from jaxdem.train.fit import FitSettings, fit_filtered, fit_paper
 from jaxdem.train.fit_evaluate import r_squared, split_by_run
 from jaxdem.train.fit_loop import LOSSES
+from jaxdem.train.recipe_filtered import filtered_problem
 from tests.cases.drag_samples import DIAMETER, known_factor, koch_hill_force, make_dataset, make_group, write
 
 QUICK = FitSettings.filtered(epochs=60, batch=250)

@@ -10,9 +10,10 @@ from jaxdem.closures import EnsembleClosure, InvariantClosure, load_closure, sav
 from jaxdem.errors import InputError
 from jaxdem.train.compress import distill, prune, prune_weights, settings_for
 from jaxdem.train.ensemble import fit_ensemble
-from jaxdem.train.fit import FitSettings, fit_filtered, fit_paper, paper_problem
+from jaxdem.train.fit import FitSettings, fit_filtered, fit_paper
 from jaxdem.train.fit_evaluate import learned_force, map_rows
 from jaxdem.train.fit_problem import solve
+from jaxdem.train.recipe_paper import paper_problem
 from tests.cases.drag_samples import known_factor, make_dataset
 
 SMALL = FitSettings(hidden=(6, 4), epochs=4, batch=50, samples=300, learning_rate=3e-3)
