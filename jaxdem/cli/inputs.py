@@ -16,6 +16,7 @@ from jaxdem.errors import InputError
 
 if TYPE_CHECKING:
     from jaxdem.files.stored import Kind
+    from jaxdem.io import Run
     from jaxdem.scene import Scene
 
 ADDRESS_SPACE, ADDRESS_SPACE_PER_CORE = 3 * 2**29, 2**28
@@ -146,6 +147,13 @@ def _own_former(folder: Path) -> dict[str, Any] | None:
     except (OSError, ValueError):
         return None  # the run directory is refused for it
     return remembered(own) if isinstance(own.get("start"), dict) else None
+
+
+def load_run(path: Path) -> Run:
+    """The run of a directory; without JAX."""
+    from jaxdem.io import load_run
+
+    return load_run(path)
 
 
 def require_closure(key: str, path: str | Path | None) -> None:

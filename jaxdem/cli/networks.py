@@ -1,4 +1,4 @@
-"""The commands that make networks: train (one, or an ensemble), evaluate, distill, prune, finetune.
+"""The commands of learned closures: dataset, train (one, or an ensemble), evaluate, distill, prune, export.
 
 A command has a parameter for every option, however many.
 """
@@ -11,27 +11,43 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from jaxdem.cli import options, terminal
 from jaxdem.cli.inputs import (
+    load_run,
+    overrides,
     prepare_file,
-    read_scene,
     require_closure,
     require_datasets,
     start_jax,
     whole_numbers,
 )
 from jaxdem.errors import InputError
-from jaxdem.train import check_trained
 
 if TYPE_CHECKING:
-    from jaxdem.train.closures import Closures
     from jaxdem.train.dataset_file import Dataset
     from jaxdem.train.fit import FitResult
 
-NEW = "new"
-"""Value of --subgrid for a stress that has not been trained."""
-ALL = ("drag", "subgrid")
-"""What can be trained through the solver, by the names of `jaxdem.train.closures`."""
-
 ClosureOut = Annotated[Path, options.file_out("Closure file to write (HDF5).")]
+
+
+def dataset(
+    run: options.SampledRun,
+    out: Annotated[Path, options.file_out("Dataset file to write (HDF5).")],
+    coarsen: options.Coarsen = "1,2,4,8",
+    settings: options.CoarseSettings = None,
+    quiet: options.Quiet = False,
+) -> None:
+    """Make training data from a fine run: inputs of the drag law on coarser meshes, and the drag that it should
+    give."""
+    factors = whole_numbers("--coarsen", coarsen, ",")
+    changed = overrides(settings)
+    prepare_file(out, run)
+    load_run(run)  # refused before JAX is there
+    start_jax()
+    from jaxdem.cli import progress
+    from jaxdem.train.dataset import make_dataset
+
+    with progress.counted("sample", quiet) as report:
+        make_dataset(run, out, factors, progress=report, overrides=changed)
+    terminal.line(f"Wrote {out}")
 
 
 def train(
@@ -194,100 +210,24 @@ def prune(
         terminal.line(f"Coarsening {coarsening}: R2 before pruning was {value:.4f}")
 
 
-def finetune(
-    scene: options.SceneFile,
-    reference: options.ReferenceOption,
-    out: Annotated[
-        Path, options.file_out("Closure file to write (HDF5); that of the drag closure, if both are trained.")
-    ],
-    closure: options.StartClosure = None,
-    subgrid: options.StartSubgrid = None,
-    trained: options.TrainedClosures = None,
-    subgrid_out: options.SubgridOut = None,
-    horizons: options.Horizons = None,
-    updates: options.Updates = 10,
-    learning_rate: options.LearningRate = 3e-3,
-    method: options.MethodName = options.Method.gradient,
-    settings: options.Settings = None,
-    quiet: options.Quiet = False,
+def export(
+    closure: options.FilteredClosure,
+    form: options.Form,
+    out: Annotated[Path, options.file_out("File to write.")],
 ) -> None:
-    """Train closures through runs of a coarse scene, so that these have the same statistics as a fine run."""
-    from jaxdem.scene import named_files
+    """Write a learned drag closure for use in another program, including its base law and fallback."""
+    prepare_file(out, closure)
+    require_closure("CLOSURE", closure)
+    start_jax()
+    from jaxdem.closures import load_closure
+    from jaxdem.closures.export import export_closure, files_written
+    from jaxdem.version import __version__
 
-    description = read_scene(scene, settings)
-    chosen = None if horizons is None else whole_numbers("--horizons", horizons, ",")
-    stress = None if subgrid in (None, NEW) else Path(subgrid)
-    read = (scene, reference, *named_files(description.model_dump()), closure, stress)
-    prepare_file(out, *read)
-    if subgrid_out is not None:
-        prepare_file(subgrid_out, *read, option="--subgrid-out")
-    require_closure("--closure", closure)
-    require_closure("--subgrid", stress)
-    names = _trained(closure, subgrid, trained)
-    files = _files(names, out, subgrid_out)
-    from jaxdem.io import load_run
+    for file in files_written(form.value, out):
+        prepare_file(file, closure)
 
-    load_run(reference)  # refused before JAX is there
-    start_jax(description.precision)
-    from jaxdem.cli import progress
-    from jaxdem.closures import save_closure
-    from jaxdem.train import finetune as solver
-
-    training = solver.FinetuneSettings(
-        horizons=chosen, updates=updates, learning_rate=learning_rate, method=method.value
-    )
-    start, metadata = _start(closure, subgrid, names)
-    with progress.counted("update", quiet) as report:
-        result = solver.finetune(description, reference, start, metadata, training, report)
-    for name, path in files.items():
-        save_closure(path, getattr(result.closures, name), result.metadata[name])
-    record = result.metadata[names[0]]["finetune"]
-    before, after = record["validation_loss_before"], record["validation_loss"]
-    skipped = f", {record['skipped']} updates skipped" if record["skipped"] else ""
-    terminal.line(f"Loss over the longest horizon: {before:.4g} before, {after:.4g} after{skipped}")
-    terminal.line(f"Wrote {' and '.join(map(str, files.values()))} after {record['seconds']:.3g} s")
-    if result.stopped:
-        terminal.fail(result.stopped, 1)
-
-
-def _trained(closure: Path | None, subgrid: str | None, trained: options.Trained | None) -> tuple[str, ...]:
-    """Names of the closures that are trained."""
-    present = [name for name, source in zip(ALL, (closure, subgrid), strict=True) if source is not None]
-    names = tuple(present) if trained is None else ALL if trained is options.Trained.both else (trained.value,)
-    check_trained(names, present)
-    return names
-
-
-def _start(
-    closure: Path | None, subgrid: str | None, names: tuple[str, ...]
-) -> tuple[Closures, dict[str, dict[str, Any]]]:
-    """The closures to start from, and the metadata of their files."""
-    from jaxdem.closures import SubgridClosure, load_subgrid
-    from jaxdem.closures.file import load_single
-    from jaxdem.train.closures import Closures
-
-    metadata: dict[str, dict[str, Any]] = {}
-    drag = stress = None
-    if closure is not None:
-        drag, metadata["drag"] = load_single(closure, "Fine-tune one of its members, or distill it first.")
-    if subgrid == NEW:
-        stress, metadata["subgrid"] = SubgridClosure.initial(), {}
-    elif subgrid is not None:
-        stress, metadata["subgrid"] = load_subgrid(subgrid)
-    return Closures(drag, stress, names), metadata
-
-
-def _files(trained: tuple[str, ...], out: Path, subgrid_out: Path | None) -> dict[str, Path]:
-    """Where each closure that is trained is written to."""
-    if len(trained) == 1 and subgrid_out is not None:
-        limit = f"is only used where both closures are trained; here only {trained[0]} is trained"
-        raise InputError("--subgrid-out", str(subgrid_out), limit, "Remove --subgrid-out.")
-    if len(trained) == 1:
-        return {trained[0]: out}
-    if subgrid_out is None or subgrid_out.resolve() == out.resolve():
-        limit = "is needed where both closures are trained, and must differ from --out"
-        raise InputError("--subgrid-out", str(subgrid_out or ""), limit, "Give a file for the subgrid stress.")
-    return {"drag": out, "subgrid": subgrid_out}
+    for path in export_closure(*load_closure(closure), form.value, out, __version__):
+        terminal.line(f"Wrote {path}")
 
 
 def _prepare(out: Path, closure: Path, datasets: Sequence[Path]) -> None:

@@ -1,4 +1,4 @@
-"""The commands `jaxdem check` and `jaxdem run`."""
+"""The commands that compute: check, run, sweep."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from jaxdem.cli import members, options, terminal
-from jaxdem.cli.inputs import read_scenes, start_jax, this_command
+from jaxdem.cli.inputs import overrides, read_scene, read_scenes, start_jax, this_command
 from jaxdem.cli.units import units_beside_a_refusal, warn_of_units
 
 if TYPE_CHECKING:
@@ -88,6 +88,47 @@ def run(
         terminal.print_run(result)
         if not result.summary.get("valid"):
             terminal.fail(f"The run is not valid: {result.summary.get('reason') or 'no reason given'}", 1)
+
+
+def sweep(
+    context: typer.Context,
+    scene: options.SceneFile,
+    out: Annotated[Path, options.folder_out("Folder for sweep.csv and the runs.")],
+    vary: options.Vary,
+    settings: options.Settings = None,
+    closure: options.ClosureFile = None,
+    subgrid: options.SubgridFile = None,
+    quiet: options.QuietRun = False,
+) -> None:
+    """Run a scene with all combinations of the values of some keys. The same command continues a stopped sweep."""
+    from jaxdem.io.outputs import refuse_run_folder, refuse_what_is_read
+    from jaxdem.run.sweep import TABLE, check_sweep, parse_variation, run_sweep
+    from jaxdem.scene import named_files
+
+    variations = [parse_variation(text) for text in vary]
+    # What is wrong without variations is said here.
+    description = read_scene(scene, settings, closure, subgrid)
+    refuse_run_folder("--out", out)
+    refuse_what_is_read("--out", out / TABLE, (scene, *named_files(description.model_dump())))
+    changed = overrides(settings, closure, subgrid)
+    check_sweep(scene, changed, variations, out)
+    if not quiet:
+        warn_of_units(description)
+    start_jax(description.precision)
+    from jaxdem.cli import progress
+    from jaxdem.run.time_loop import Interrupted
+
+    try:
+        with progress.study_display(quiet) as display:
+            result = run_sweep(scene, changed, variations, out, display)
+    except Interrupted as stop:
+        hint = f"Continue with: {this_command(context)}"
+        terminal.fail(f"{str(stop).capitalize()} of a run of the sweep. {hint}", 128 + stop.number)
+    terminal.print_sweep(result)
+    if result.problems:
+        names = ", ".join(run.name for run in result.problems)
+        code = 2 if all(run.refused for run in result.problems) else 1
+        terminal.fail(f"{len(result.problems)} of {len(result.runs)} runs are not valid: {names}", code)
 
 
 def _refuse_folder(description: Scene, out: Path, resume: bool) -> bool:
