@@ -8,15 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 from jaxdem.cli import options, terminal
 from jaxdem.cli.inputs import load_run, prepare_file, read_scene, require_closure, start_jax, whole_numbers
 from jaxdem.errors import InputError
-from jaxdem.train import check_trained
 
 if TYPE_CHECKING:
     from jaxdem.train.closures import Closures
 
 NEW = "new"
 """Value of --subgrid for a stress that has not been trained."""
-ALL = ("drag", "subgrid")
-"""What can be trained through the solver, by the names of `jaxdem.train.closures`."""
 
 
 def finetune(
@@ -27,12 +24,10 @@ def finetune(
     ],
     closure: options.StartClosure = None,
     subgrid: options.StartSubgrid = None,
-    trained: options.TrainedClosures = None,
     subgrid_out: options.SubgridOut = None,
     horizons: options.Horizons = None,
     updates: options.Updates = 10,
     learning_rate: options.LearningRate = 3e-3,
-    method: options.MethodName = options.Method.gradient,
     settings: options.Settings = None,
     quiet: options.Quiet = False,
 ) -> None:
@@ -48,7 +43,7 @@ def finetune(
         prepare_file(subgrid_out, *read, option="--subgrid-out")
     require_closure("--closure", closure)
     require_closure("--subgrid", stress)
-    names = _trained(closure, subgrid, trained)
+    names = _trained(closure, subgrid)
     files = _files(names, out, subgrid_out)
     load_run(reference)  # refused before JAX is there
     start_jax(description.precision)
@@ -56,9 +51,7 @@ def finetune(
     from jaxdem.closures import save_closure
     from jaxdem.train import finetune as solver
 
-    training = solver.FinetuneSettings(
-        horizons=chosen, updates=updates, learning_rate=learning_rate, method=method.value
-    )
+    training = solver.FinetuneSettings(horizons=chosen, updates=updates, learning_rate=learning_rate)
     start, metadata = _start(closure, subgrid, names)
     with progress.counted("update", quiet) as report:
         result = solver.finetune(description, reference, start, metadata, training, report)
@@ -73,12 +66,12 @@ def finetune(
         terminal.fail(result.stopped, 1)
 
 
-def _trained(closure: Path | None, subgrid: str | None, trained: options.Trained | None) -> tuple[str, ...]:
-    """Names of the closures that are trained."""
-    present = [name for name, source in zip(ALL, (closure, subgrid), strict=True) if source is not None]
-    names = tuple(present) if trained is None else ALL if trained is options.Trained.both else (trained.value,)
-    check_trained(names, present)
-    return names
+def _trained(closure: Path | None, subgrid: str | None) -> tuple[str, ...]:
+    """Names of the closures that are given: all of them are trained."""
+    given = tuple(name for name, source in (("drag", closure), ("subgrid", subgrid)) if source is not None)
+    if not given:
+        raise InputError("--closure", "", "is needed, or --subgrid", "Give a closure file, or --subgrid new.")
+    return given
 
 
 def _start(

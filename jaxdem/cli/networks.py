@@ -157,7 +157,6 @@ def distill(
     hidden: options.Hidden = None,
     seed: options.Seed = None,
     epochs: options.Epochs = None,
-    samples: options.Rows = None,
     quiet: options.Quiet = False,
 ) -> None:
     """Train a smaller network to give the same forces as a closure, on the inputs of datasets."""
@@ -168,7 +167,7 @@ def distill(
     from jaxdem.train import compress
 
     teacher, _ = load_stored(closure)
-    changes = {"seed": seed, "epochs": epochs, "samples": samples, "hidden": layers}
+    changes = {"seed": seed, "epochs": epochs, "hidden": layers}
     chosen, data = compress.settings_for(teacher, **changes), _read(datasets)
     with progress.counted("epoch", quiet) as report:
         result = compress.distill(teacher, data, chosen, report)
@@ -188,8 +187,6 @@ def prune(
     out: ClosureOut,
     neurons: options.KeptNeurons = 0.5,
     epochs: options.FurtherEpochs = None,
-    seed: options.Seed = None,
-    samples: options.Rows = None,
     quiet: options.Quiet = False,
 ) -> None:
     """Remove the neurons of a closure that change its result least, on the inputs of datasets."""
@@ -199,7 +196,7 @@ def prune(
     from jaxdem.train import compress
 
     network, _ = load_single(closure, "Prune one of its members, or distill it.")
-    chosen = compress.settings_for(network, seed=seed, epochs=epochs, samples=samples)
+    chosen = compress.settings_for(network, epochs=epochs)
     data = _read(datasets)
     with progress.counted("epoch", quiet) as report:
         result = compress.prune(network, data, neurons, chosen, epochs is not None, report)

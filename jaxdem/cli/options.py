@@ -61,21 +61,6 @@ class Size(StrEnum):
     small = "small"
 
 
-class Method(StrEnum):
-    """How a closure is trained through the solver."""
-
-    gradient = "gradient"
-    gradient_free = "gradient-free"
-
-
-class Trained(StrEnum):
-    """Which closures are trained through the solver."""
-
-    drag = "drag"
-    subgrid = "subgrid"
-    both = "both"
-
-
 def file_out(content: str) -> object:
     """`--out FILE` of a command that writes one file."""
     return Option("--out", metavar="FILE", help=content)
@@ -117,11 +102,21 @@ ReferenceOption = Annotated[
 # What changes a scene.
 ClosureFile = Annotated[
     Path | None,
-    Option("--closure", metavar="FILE", help="Learned drag closure, in place of closure.file of the scene."),
+    Option(
+        "--closure",
+        metavar="FILE",
+        help="Learned drag closure, in place of closure.file of the scene.",
+        rich_help_panel=CLOSURES,
+    ),
 ]
 SubgridFile = Annotated[
     Path | None,
-    Option("--subgrid", metavar="FILE", help="Learned subgrid stress, in place of fluid.subgrid of the scene."),
+    Option(
+        "--subgrid",
+        metavar="FILE",
+        help="Learned subgrid stress, in place of fluid.subgrid of the scene.",
+        rich_help_panel=CLOSURES,
+    ),
 ]
 Settings = Annotated[
     list[str] | None,
@@ -229,16 +224,35 @@ SizeName = Annotated[
     Size | None, Option("--size", help="How large a closure of neighbours is. [large]", rich_help_panel=NEIGHBOURS)
 ]
 Seed = Annotated[
-    int | None, Option("--seed", metavar="N", min=0, help="Random seed of weights, shuffling and choice of rows.")
+    int | None,
+    Option(
+        "--seed",
+        metavar="N",
+        min=0,
+        help="Random seed of weights, shuffling and choice of rows.",
+        rich_help_panel=TRAINING,
+    ),
 ]
-Epochs = Annotated[int | None, Option("--epochs", metavar="N", min=1, help="Number of passes through the data.")]
+Epochs = Annotated[
+    int | None,
+    Option("--epochs", metavar="N", min=1, help="Number of passes through the data.", rich_help_panel=TRAINING),
+]
 FurtherEpochs = Annotated[
     int | None,
     Option("--epochs", metavar="N", min=1, help="Number of passes through the data to train the smaller network."),
 ]
-Rows = Annotated[int | None, Option("--samples", metavar="N", min=1, help="Largest number of training rows.")]
+Rows = Annotated[
+    int | None,
+    Option("--samples", metavar="N", min=1, help="Largest number of training rows.", rich_help_panel=TRAINING),
+]
 Hidden = Annotated[
-    str | None, Option("--hidden", metavar="N-N-...", help="Widths of the hidden layers, e.g. 170-70-30.")
+    str | None,
+    Option(
+        "--hidden",
+        metavar="N-N-...",
+        help="Widths of the hidden layers, e.g. 170-70-30.",
+        rich_help_panel=TRAINING,
+    ),
 ]
 Terms = Annotated[
     str | None,
@@ -279,19 +293,13 @@ StartClosure = Annotated[
     Option(
         "--closure",
         metavar="FILE",
-        help="Drag closure to start from; that of the scene by default.",
+        help="Drag closure to train; without, that of the scene stays as it is.",
         rich_help_panel=CLOSURES,
     ),
 ]
 StartSubgrid = Annotated[
     str | None,
-    Option(
-        "--subgrid", metavar="FILE", help="Learned subgrid stress to start from, or `new`.", rich_help_panel=CLOSURES
-    ),
-]
-TrainedClosures = Annotated[
-    Trained | None,
-    Option("--train", help="What is trained; by default all closures that are given.", rich_help_panel=CLOSURES),
+    Option("--subgrid", metavar="FILE", help="Learned subgrid stress to train, or `new`.", rich_help_panel=CLOSURES),
 ]
 SubgridOut = Annotated[
     Path | None,
@@ -316,8 +324,4 @@ Updates = Annotated[
 ]
 LearningRate = Annotated[
     float, Option("--learning-rate", metavar="R", help="Learning rate of Adam.", rich_help_panel=TRAINING)
-]
-MethodName = Annotated[
-    Method,
-    Option("--method", help="gradient: Adam. gradient-free: a search on a few parameters.", rich_help_panel=TRAINING),
 ]

@@ -39,14 +39,14 @@ def run(
     context: typer.Context,
     scene: options.SceneFiles,
     out: Annotated[Path, options.folder_out("Run directory; it must be new or empty.")],
-    closure: options.ClosureFile = None,
-    subgrid: options.SubgridFile = None,
     settings: options.Settings = None,
     resume: options.Resume = False,
-    devices: options.DeviceCount = None,
-    processes: options.ProcessCount = None,
     profile: options.Profile = False,
     quiet: options.QuietRun = False,
+    closure: options.ClosureFile = None,
+    subgrid: options.SubgridFile = None,
+    devices: options.DeviceCount = None,
+    processes: options.ProcessCount = None,
 ) -> None:
     """Run a scene and write a run directory.
 

@@ -13,9 +13,8 @@ from jax import Array
 from jaxdem.closures import InvariantClosure, PaperNetwork, SubgridClosure
 from jaxdem.closures.network import Weights as NetworkWeights
 from jaxdem.closures.network import layer_name
-from jaxdem.errors import required
+from jaxdem.errors import InputError, required
 from jaxdem.state import Parameters
-from jaxdem.train import check_trained
 
 LearnedClosure = PaperNetwork | InvariantClosure
 Weights = dict[str, NetworkWeights]
@@ -56,7 +55,11 @@ class Closures(NamedTuple):
 
     def check(self) -> None:
         """Raise InputError where nothing is trained, or something that there is not."""
-        check_trained(self.trained, [name for name in ("drag", "subgrid") if getattr(self, name) is not None])
+        if not self.trained:
+            raise InputError("trained", "()", "names no closure", "Name drag, subgrid or both.")
+        for name in self.trained:
+            if getattr(self, name) is None:
+                raise InputError("trained", name, "is not given", f"Give {name}, or train another.")
 
 
 def few_parameters(closures: Closures) -> tuple[Array, Callable[[Array], Weights]]:
