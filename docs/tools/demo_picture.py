@@ -15,7 +15,7 @@ from PIL import Image
 
 from jaxdem.closures import load_closure
 from jaxdem.io import Run, load_run
-from jaxdem.report import Candidate, pictures, style
+from jaxdem.report import Candidate, drawing, pictures, style
 from jaxdem.report.chart import add_legend, draw_panels
 from jaxdem.report.comparison import Comparison, build
 from jaxdem.report.figures import error_panel
@@ -54,9 +54,9 @@ def draw(study: Path, out: Path) -> None:
         left, right = figure.subfigures(1, 2, width_ratios=[8.0, 5.0])
         axes = left.subplots(1, len(rows), sharey=True)
         for axis, shot, row in zip(axes, shots, rows, strict=True):
-            pictures.draw(axis, shot, (length, height), (length, height), tops, "velocity")
+            drawing.draw(axis, shot, (length, height), (length, height), tops, "velocity")
             axis.set(title=row.name, xlabel=f"run time {row.run_time_s:.2g} s", xticks=[], yticks=[])
-        pictures.add_legends(left, list(axes), shots, tops, "velocity", 7.0)
+        drawing.add_legends(left, list(axes), shots, tops, "velocity", 7.0)
         add_legend(right, draw_panels(right, [error_panel(comparison)]), 2)
         style.save(figure, out, dpi=88)
     with Image.open(out) as picture:  # colours in steps of 4 of 255, which nobody sees, take a third less

@@ -13,7 +13,7 @@ import matplotlib.pyplot as plt
 from PIL import Image
 
 import jaxdem
-from jaxdem.report import pictures
+from jaxdem.report import drawing, pictures
 
 ROOT = Path(__file__).parents[2]
 TIMES = (0.35, 0.45, 1.0)
@@ -28,10 +28,10 @@ def main(path: str) -> None:
     tops = pictures.scale_tops([picture for picture in shown if picture])
     figure, panels = plt.subplots(1, len(TIMES), figsize=(9.0, 4.4), layout="constrained", sharey=True)
     for axes, picture in zip(panels, shown, strict=True):
-        pictures.draw(axes, picture, box, box, tops, "velocity")
+        drawing.draw(axes, picture, box, box, tops, "velocity")
         axes.set(xlabel="x [m]", title=f"{picture.time:.2f} s, {len(picture.radius)} grains")
     panels[0].set_ylabel("z [m]")
-    pictures.add_legends(figure, panels, shown, tops, "velocity", 9.0)
+    drawing.add_legends(figure, panels, shown, tops, "velocity", 9.0)
     target = ROOT / "docs" / "pictures" / "hopper_opened.png"
     figure.savefig(target, dpi=80)
     with Image.open(target) as drawn:

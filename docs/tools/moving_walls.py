@@ -16,7 +16,7 @@ from PIL import Image
 
 import jaxdem
 from jaxdem.io.load import Run
-from jaxdem.report import pictures
+from jaxdem.report import drawing, pictures
 
 ROOT = Path(__file__).parents[2]
 DRUM_TIMES, LID_TIMES = (0.0, 0.25, 3.0), (0.3, 0.8)
@@ -60,10 +60,10 @@ def frames(figure: plt.Figure, panels: np.ndarray, run: Run, times: tuple[float,
     tops = pictures.scale_tops([picture for picture in shown if picture])
     for axes, picture in zip(panels, shown, strict=True):
         assert picture is not None
-        pictures.draw(axes, picture, box, box, tops, "velocity")
+        drawing.draw(axes, picture, box, box, tops, "velocity")
         axes.set(xlabel="x [m]", title=f"{picture.time:.2f} s")
     panels[0].set_ylabel("z [m]")
-    pictures.add_legends(figure, panels, shown, tops, "velocity", 9.0)
+    drawing.add_legends(figure, panels, shown, tops, "velocity", 9.0)
 
 
 def save(figure: plt.Figure, name: str) -> None:

@@ -12,7 +12,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 
 import jaxdem
-from jaxdem.report import chart, pictures, style
+from jaxdem.report import chart, drawing, pictures, style
 from jaxdem.report.comparison import row_of_one
 from jaxdem.report.force_lines import force_lines
 from jaxdem.report.probes import probe_panels
@@ -32,9 +32,9 @@ def main() -> None:
         figure = plt.figure(figsize=(10.5, 8.4), layout="constrained")
         upper, lower = figure.subfigures(2, 1, height_ratios=(2.1, 1.0))
         axes = upper.subplots()
-        pictures.draw(axes, picture, size, size, tops, "velocity")
+        drawing.draw(axes, picture, size, size, tops, "velocity")
         axes.set(title=f"t = {picture.time:.3g} s", xlabel="x [m]", ylabel="height [m]")
-        pictures.add_legends(upper, [axes], [picture], tops, "velocity", 5.5)
+        drawing.add_legends(upper, [axes], [picture], tops, "velocity", 5.5)
         chart.draw_panels(lower, panels)
         figure.savefig(ROOT / "docs" / "pictures" / "probes.png", dpi=80)
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 
 import jaxdem
-from jaxdem.report import pictures, style
+from jaxdem.report import drawing, pictures, style
 
 ROOT = Path(__file__).parents[2]
 
@@ -26,10 +26,10 @@ def main() -> None:
     with style.look():
         figure, panels = plt.subplots(1, 3, figsize=(6.5, 6.8), layout="constrained", sharey=True)
         for axes, shot, name in zip(panels, shots, ("fill", "fill", "fluidise"), strict=True):
-            pictures.draw(axes, shot, size, size, tops, "velocity")
+            drawing.draw(axes, shot, size, size, tops, "velocity")
             axes.set(title=f"{name}, t = {shot.time:.3g} s", xlabel="x [m]")
         panels[0].set_ylabel("z [m]")
-        pictures.add_legends(figure, list(panels), shots, tops, "velocity", 5.5)
+        drawing.add_legends(figure, list(panels), shots, tops, "velocity", 5.5)
         figure.savefig(ROOT / "docs" / "pictures" / "stages.png", dpi=85)
 
 

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure, SubFigure
 
 from jaxdem.errors import InputError
 from jaxdem.io import Run
-from jaxdem.report import chart, pictures, style
+from jaxdem.report import chart, drawing, pictures, style
 from jaxdem.report import runs as read
 from jaxdem.report.comparison import folder_name, row_of_one
 from jaxdem.report.figures import left_out, metrics_panels
@@ -152,11 +152,11 @@ class Frame:
         self.axis.set(xlabel="x [m]", ylabel="height [m]")
         inches = LONG_SIDE * self.box[0] / max(self.box)
         self.axis.locator_params(axis="x", nbins=max(2, int(1.3 * inches)))
-        pictures.add_legends(figure, [self.axis], [first], tops, color, inches)
+        drawing.add_legends(figure, [self.axis], [first], tops, color, inches)
 
     def draw(self, picture: Picture) -> None:
         """A frame, with run, time and view above."""
-        pictures.draw(self.axis, picture, self.box, self.box, self.tops, self.color)
+        drawing.draw(self.axis, picture, self.box, self.box, self.tops, self.color)
         view, when = pictures.view(self.run, picture), f",  t = {picture.time:.4g} s"
         name = style.escaped(folder_name(self.run), frame_size(self.run)[0] - style.text_width(when) - 1.0)
         self.axis.set_title(name + when + (f"\n{view}" if view else ""), fontsize=10)

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.transforms import ScaledTranslation
 
-from jaxdem.report import pictures, style
+from jaxdem.report import drawing, pictures, style
 from jaxdem.report import runs as read
 from jaxdem.report.comparison import Comparison, Row
 from jaxdem.report.runs import Array
@@ -54,12 +54,12 @@ def snapshots_figure(comparison: Comparison, path: Path) -> Path | None:
         for line, row, run_shots in zip(panels, rows, shots, strict=True):
             for axis, time, shot in zip(line, times, run_shots, strict=True):
                 box = read.domain_size(row.run) or size
-                pictures.draw(axis, shot, (box[0], box[-1]), size, tops, COLOR)
+                drawing.draw(axis, shot, (box[0], box[-1]), size, tops, COLOR)
                 _title(axis, row, shot.time if shot else time, width)
                 if shot is None:
                     why = f"ended at t = {row.end_time:.3g} s" if time > row.end_time else "no frame at this time"
                     axis.text(0.5, 0.5, why, transform=axis.transAxes, ha="center", va="center", color=style.INVALID)
-        pictures.add_legends(figure, figure.axes, shown, tops, COLOR, figure.get_figwidth() - 0.9)
+        drawing.add_legends(figure, figure.axes, shown, tops, COLOR, figure.get_figwidth() - 0.9)
         for axis in (axis for line in panels for axis in line):
             axis.set_anchor("NW")  # of a panel that is narrower than its title, which begins where it does
         views = {pictures.view(row.run, shot) for row, line in zip(rows, shots, strict=True) for shot in line if shot}

@@ -16,7 +16,7 @@ from matplotlib.image import imread
 from PIL import Image
 
 from jaxdem.errors import InputError
-from jaxdem.report import animation, pictures, single
+from jaxdem.report import animation, drawing, single
 from jaxdem.report.comparison import Candidate, build, row_of_one
 from jaxdem.report.figures import metrics_panels
 from jaxdem.report.player import player
@@ -64,9 +64,9 @@ def test_what_cannot_be_plotted_is_refused(make: Any, tmp_path: Path) -> None:
 def test_a_film_has_every_output_and_one_scale(make: Any, tmp_path: Path, monkeypatch: Any) -> None:
     monkeypatch.setattr(animation, "DPI", 30)
     scales, reports = [], []
-    draw = pictures.draw
+    draw = drawing.draw
     monkeypatch.setattr(
-        pictures, "draw", lambda *given: (scales.append((given[4]["fluid"], given[4][given[5]])), draw(*given))
+        drawing, "draw", lambda *given: (scales.append((given[4]["fluid"], given[4][given[5]])), draw(*given))
     )
     run = make("film", outputs=4, count=20)
     path = tmp_path / "new" / "film.gif"

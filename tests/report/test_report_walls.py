@@ -23,7 +23,7 @@ from jaxdem import build as build_simulation
 from jaxdem import load_scene
 from jaxdem.particles.moving_walls import PistonState, placements
 from jaxdem.particles.surfaces import surface_contacts
-from jaxdem.report import animation, pictures, single, snapshots, walls
+from jaxdem.report import animation, drawing, pictures, single, snapshots, walls
 from jaxdem.report.comparison import Candidate, build
 from jaxdem.report.player import player
 from jaxdem.scene.walls import NEEDED
@@ -75,7 +75,7 @@ def test_walls_are_where_the_solver_has_them(dimension: int) -> None:
 def drawn(run: Any, index: int = 0) -> Any:
     axis = Figure(layout="constrained").subplots()
     size = run.scene["domain"]["size"]
-    pictures.draw(axis, pictures.take(run, index), (size[0], size[-1]), (size[0], size[-1]), {}, "velocity")
+    drawing.draw(axis, pictures.take(run, index), (size[0], size[-1]), (size[0], size[-1]), {}, "velocity")
     return axis
 
 
@@ -102,7 +102,7 @@ def test_an_obstacle_is_drawn_as_a_disc(make: Any) -> None:
     assert image.get_extent() == [0.0, 1.0, 0.0, 0.8]
     assert share.mean() * 0.8 == pytest.approx(math.pi * 0.01, rel=2e-3)
     assert image.get_cmap()(0.0)[3] == 0.0 and image.get_cmap()(1.0)[3] > 0.5
-    pictures.draw(axis, pictures.take(run, 1), (1.0, 0.8), (1.0, 0.8), {}, "velocity")
+    drawing.draw(axis, pictures.take(run, 1), (1.0, 0.8), (1.0, 0.8), {}, "velocity")
     assert len(axis.images) == 1 and len(outline(axis)) == len(distance)
 
 
@@ -159,15 +159,15 @@ def test_openings_are_drawn_on_their_sides(make: Any) -> None:
     for opening, path in zip(found, lines.get_segments(), strict=True):
         assert path.min(axis=0).tolist() == list(opening.start) and path.max(axis=0).tolist() == list(opening.stop)
     figure = Figure(layout="constrained")
-    pictures.add_legends(figure, [figure.subplots()], [pictures.take(run, 0)], {}, "velocity", 5.0)
+    drawing.add_legends(figure, [figure.subplots()], [pictures.take(run, 0)], {}, "velocity", 5.0)
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["inlet", "outlet"]
 
 
 def test_all_pictures_of_a_run_have_its_walls(make: Any, tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """plot, every frame of animate, every panel of the snapshots, and the page's animations."""
     calls: list[Any] = []
-    draw = pictures._draw_walls
-    monkeypatch.setattr(pictures, "_draw_walls", lambda *given: (calls.append(given), draw(*given)))
+    draw = drawing._draw_walls
+    monkeypatch.setattr(drawing, "_draw_walls", lambda *given: (calls.append(given), draw(*given)))
     run = walled(make, 2, *WALLS[2][1::2])
     run.scene["boundary"] = {"bottom": {"kind": "no_slip", "particles": "remove"}}
     single.plot_run(run, tmp_path / "plots")
