@@ -73,29 +73,42 @@ def animate(
         tops |= {name: max(top, tops.get(name, 0.0)) for name, top in own.items()}
         advance()
     out.parent.mkdir(parents=True, exist_ok=True)
+    # The ending tells the writer what to write, so the name aside keeps it.
+    part = out.with_name(f".{out.stem}.part{out.suffix}")
+    try:
+        _film(run, part, writer, indices, tops, color, advance)
+        os.replace(part, out)
+    except OSError as error:
+        error.filename = str(out)
+        raise
+    finally:
+        part.unlink(missing_ok=True)
+    return len(indices)
+
+
+def _film(
+    run: Run,
+    out: Path,
+    writer: AbstractMovieWriter,
+    indices: range,
+    tops: pictures.Tops,
+    color: str,
+    advance: Callable[[], None],
+) -> None:
+    """Draws these outputs into a file."""
     with style.look():
         figure = style.new_figure(*frame_size(run))
-        first = pictures.take(run, 0)
+        first = pictures.take(run, indices[0])
         frame = Frame(figure, run, tops, color, first)
         frame.draw(first)
         # The layout of the first frame stands still.
         figure.draw_without_rendering()
         figure.set_layout_engine("none")
-        # The ending tells the writer what to write, so the name aside keeps it.
-        part = out.with_name(f".{out.stem}.part{out.suffix}")
-        try:
-            with writer.saving(figure, str(part), DPI):
-                for index in indices:
-                    frame.draw(pictures.take(run, index))
-                    writer.grab_frame()
-                    advance()
-            os.replace(part, out)
-        except OSError as error:
-            error.filename = str(out)
-            raise
-        finally:
-            part.unlink(missing_ok=True)
-    return len(indices)
+        with writer.saving(figure, str(out), DPI):
+            for index in indices:
+                frame.draw(pictures.take(run, index))
+                writer.grab_frame()
+                advance()
 
 
 def _writer(out: Path, fps: float) -> AbstractMovieWriter:
