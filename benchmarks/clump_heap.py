@@ -4,7 +4,7 @@
 
 Rows of overlapping discs of the same volume settle behind a gate, the gate vanishes, and they slump. No rolling
 friction: the shape alone keeps them from rolling. The slope is that of a wedge with the same centre of mass
-(`benchmarks/cohesive_heap.py`). Writes results/clump_heap.{json,md} and docs/results/clump_heap.png.
+(`benchmarks/heaps.py`). Writes results/clump_heap.{json,md} and docs/results/clump_heap.png.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script from anywh
 
 import jaxdem
 from benchmarks import harness
-from benchmarks.cohesive_heap import slope
+from benchmarks.heaps import heaps_figure, slope
 
 RADIUS, DENSITY, GATE, OPENED, END = 1e-3, 2500.0, 0.03, 0.2, 0.55
 ELONGATIONS = (1.0, 1.5, 2.0, 3.0)
@@ -80,32 +80,8 @@ def discs_of(run: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def draw(found: dict[float, list[float]], heaps: dict[float, tuple[np.ndarray, np.ndarray]]) -> None:
     """The slopes with their means, and three heaps."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-    from matplotlib.collections import EllipseCollection
-
-    figure, axes = plt.subplots(1, 1 + len(heaps), figsize=(13, 3.4), width_ratios=[1.3] + [1.0] * len(heaps))
-    for elongation, angles in found.items():
-        axes[0].plot([elongation] * len(angles), angles, "o", color="tab:blue", markersize=4, alpha=0.6)
-    axes[0].plot(list(found), [float(np.mean(angles)) for angles in found.values()], "-", color="tab:blue")
+    figure, axes = heaps_figure(found, heaps, (80.0, 40.0), "elongation")
     axes[0].set_xlabel("elongation, length over width")
-    axes[0].set_ylabel("slope [degrees]")
-    axes[0].set_ylim(0.0, 45.0)
-    axes[0].grid(alpha=0.3)
-    for axis, (elongation, (position, radius)) in zip(axes[1:], heaps.items(), strict=True):
-        size = 2e3 * radius
-        axis.add_collection(
-            EllipseCollection(size, size, np.zeros(len(size)), units="x", offsets=1e3 * position,
-                              offset_transform=axis.transData, facecolor="tab:orange", edgecolor="none")
-        )  # fmt: skip
-        axis.set_xlim(0.0, 80.0)
-        axis.set_ylim(0.0, 40.0)
-        axis.set_aspect("equal")
-        axis.set_title(f"elongation {elongation:g}", fontsize=10)
-        axis.set_xlabel("x [mm]")
-    axes[1].set_ylabel("z [mm]")
     figure.tight_layout()
     figure.savefig(FIGURE, dpi=110)
 

@@ -22,6 +22,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script from anywh
 
 import jaxdem
 from benchmarks import harness
+from benchmarks.heaps import heaps_figure, slope
 
 RADIUS, DENSITY, GATE, OPENED, END = 1e-3, 2500.0, 0.05, 0.2, 0.6
 WEIGHT = DENSITY * 4.0 / 3.0 * math.pi * RADIUS**3 * 9.81
@@ -54,49 +55,13 @@ def scene_of(bond: float, seed: int, count: int) -> jaxdem.Scene:
     )  # fmt: skip
 
 
-def slope(position: np.ndarray) -> float:
-    """Slope of the wedge against the wall that has the same centre of mass [degrees].
-
-    A wedge of height H and length L has it at H/3 and L/3. A line through the surface says less: cohesive heaps break
-    into blocks, whose tops have no slope.
-    """
-    x, z = position.mean(axis=0)
-    return math.degrees(math.atan2(z, x))
-
-
 def draw(found: dict[float, list[float]], heaps: dict[float, tuple[np.ndarray, np.ndarray]]) -> None:
     """The angles with their range, and three heaps."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-    from matplotlib.collections import EllipseCollection
-
-    figure, axes = plt.subplots(1, 1 + len(heaps), figsize=(13, 3.4), width_ratios=[1.3] + [1.0] * len(heaps))
-    bonds = list(found)
-    mean = [float(np.mean(found[bond])) for bond in bonds]
-    for bond in bonds:
-        axes[0].plot([bond] * len(found[bond]), found[bond], "o", color="tab:blue", markersize=4, alpha=0.6)
-    axes[0].plot(bonds, mean, "-", color="tab:blue")
+    figure, axes = heaps_figure(found, heaps, (100.0, 50.0), "Bond number", edge="k")
     axes[0].set_xscale("symlog", linthresh=0.5)
-    axes[0].set_xticks(bonds, [f"{bond:g}" for bond in bonds], minor=False)
+    axes[0].set_xticks(list(found), [f"{bond:g}" for bond in found], minor=False)
     axes[0].minorticks_off()
     axes[0].set_xlabel("Bond number, pull-off force over weight")
-    axes[0].set_ylabel("slope [degrees]")
-    axes[0].set_ylim(0.0, 45.0)
-    axes[0].grid(alpha=0.3)
-    for axis, (bond, (position, radius)) in zip(axes[1:], heaps.items(), strict=True):
-        size = 2e3 * radius
-        axis.add_collection(
-            EllipseCollection(size, size, np.zeros(len(size)), units="x", offsets=1e3 * position,
-                              offset_transform=axis.transData, facecolor="tab:orange", edgecolor="k", linewidth=0.2)
-        )  # fmt: skip
-        axis.set_xlim(0.0, 100.0)
-        axis.set_ylim(0.0, 50.0)
-        axis.set_aspect("equal")
-        axis.set_title(f"Bond number {bond:g}", fontsize=10)
-        axis.set_xlabel("x [mm]")
-    axes[1].set_ylabel("z [mm]")
     figure.tight_layout()
     figure.savefig(FIGURE, dpi=110)
 

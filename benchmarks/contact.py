@@ -36,6 +36,7 @@ from benchmarks import against, harness
 
 COUNT, RADIUS, DENSITY, STEP, CHUNK = 20_000, 0.01, 5650.0, 5e-5, 100
 BOX = (12.0, 2.0)
+SLIDE = 2.0  # of a column that slides [m/s]
 
 
 def column(count: int = COUNT) -> tuple[np.ndarray, tuple[float, float]]:
@@ -48,6 +49,37 @@ def column(count: int = COUNT) -> tuple[np.ndarray, tuple[float, float]]:
     y = 1.02 * RADIUS + row * spacing * np.sqrt(3) / 2
     jitter = generator.uniform(-0.005 * RADIUS, 0.005 * RADIUS, (count, 2))
     return np.stack((x, y), axis=1) + jitter, (float(scale * BOX[0]), float(scale * BOX[1]))
+
+
+def write_sliding_column(folder: Path, count: int, steps: int) -> Path:
+    """The column as a scene file, which slides at `SLIDE`; an interval has `steps` contact steps."""
+    position, box = column(count)
+    np.save(folder / "position.npy", position)
+    np.save(folder / "velocity.npy", np.broadcast_to((SLIDE, 0.0), position.shape))
+    scene = folder / "column.toml"
+    scene.write_text(
+        f"""
+[domain]
+size = {list(box)}
+depth = 0.04
+[particles]
+position = "position.npy"
+velocity = "velocity.npy"
+radius = {RADIUS}
+density = {DENSITY}
+[contact]
+young_modulus = 7e7
+restitution = 0.7
+friction = 0.1
+rolling_friction = 0.1
+time_step = {STEP}
+speed = 5.0
+[time]
+end = 1.0
+output_interval = {1.0 / round(1.0 / (steps * STEP))}
+"""
+    )
+    return scene
 
 
 # --- jaxdem -----------------------------------------------------------------------------------------------

@@ -51,7 +51,6 @@ from jaxdem.cli.launch import cores_of, on_cores
 
 # jax is imported by the processes that measure: flags and cores are theirs.
 
-SLIDE = 2.0  # of the column [m/s]
 INTERVAL = 100  # contact steps
 PARTICLE_STEPS = 1e7  # in a window
 QUICK_STEPS = 2e6
@@ -83,7 +82,7 @@ def measure(given: dict[str, Any]) -> dict[str, Any]:
     intervals = max(1, round(given["particle_steps"] / (given["count"] * INTERVAL)))
     own = given["count"] // (given["processes"] if given["apart"] else 1)
     with tempfile.TemporaryDirectory() as folder:
-        scene = jaxdem.load_scene(write_scene(Path(folder), own, INTERVAL))
+        scene = jaxdem.load_scene(contact.write_sliding_column(Path(folder), own, INTERVAL))
         divided = given["devices"] if given["devices"] > 1 or given["machinery"] else None
         simulation, parameters = jaxdem.build(scene, devices=divided)
         state, neighbors = jaxdem.initial_state(scene, simulation, parameters)
@@ -157,38 +156,6 @@ def message_time(mesh: Any, rows: int, count: int) -> float:
         seconds.append((time.perf_counter() - begin) / count)
     assert jnp.float32 == given.dtype
     return min(seconds)
-
-
-def write_scene(folder: Path, count: int, steps: int) -> Path:
-    """The sliding column as a scene file; an interval has `steps` contact steps."""
-    position, box = contact.column(count)
-    np.save(folder / "position.npy", position)
-    np.save(folder / "velocity.npy", np.broadcast_to((SLIDE, 0.0), position.shape))
-    interval = 1.0 / round(1.0 / (steps * contact.STEP))
-    scene = folder / "column.toml"
-    scene.write_text(
-        f"""
-[domain]
-size = {list(box)}
-depth = 0.04
-[particles]
-position = "position.npy"
-velocity = "velocity.npy"
-radius = {contact.RADIUS}
-density = {contact.DENSITY}
-[contact]
-young_modulus = 7e7
-restitution = 0.7
-friction = 0.1
-rolling_friction = 0.1
-time_step = {contact.STEP}
-speed = 5.0
-[time]
-end = 1.0
-output_interval = {interval}
-"""
-    )
-    return scene
 
 
 # --- the contenders ---------------------------------------------------------------------------------------

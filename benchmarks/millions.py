@@ -2,7 +2,7 @@
 
     python benchmarks/millions.py [--count 4000000] [--processes 4] [--intervals 3] [--steps 100]
 
-The sliding column of devices.py, run by `jaxdem run --processes P` for so many intervals of so many contact steps, with
+The sliding column of contact.py, run by `jaxdem run --processes P` for so many intervals of so many contact steps, with
 an output at the end of each. Memory is looked at while it runs: the largest sum over all processes of what each has for
 itself and its share of what they have together (proportional set size). Then VTK's reader opens the master as one file:
 all grains must be there, each once, and inside of the box. Needs Linux and the package vtk.
@@ -24,7 +24,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script from anywhere
 
-from benchmarks import contact, devices, harness
+from benchmarks import contact, harness
 
 LOOK = 0.5  # time between two looks at the memory [s]
 
@@ -91,7 +91,7 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=100)
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        scene, out = devices.write_scene(Path(folder), arguments.count, arguments.steps), Path(folder) / "run"
+        scene, out = contact.write_sliding_column(Path(folder), arguments.count, arguments.steps), Path(folder) / "run"
         interval = tomllib.loads(scene.read_text())["time"]["output_interval"]
         text = scene.read_text().replace("end = 1.0", f"end = {arguments.intervals * interval}")
         scene.write_text(text)

@@ -33,7 +33,6 @@ from benchmarks import contact, fluid, harness
 
 # jax is imported by the processes that measure, not here: a process inherits the peak memory of the one it came from.
 
-SLIDE = 2.0  # of the column [m/s]
 INJECTION = Path(__file__).parents[1] / "scenes" / "injection.toml"
 INJECTION_LIMIT = 1.2e9  # what its memory should stay under [bytes]
 
@@ -55,32 +54,7 @@ def particle_windows(count: int, arguments: argparse.Namespace) -> dict[str, Any
 
     steps = steps_of(count, arguments.particle_steps)
     with tempfile.TemporaryDirectory() as folder:
-        position, box = contact.column(count)
-        np.save(Path(folder, "position.npy"), position)
-        np.save(Path(folder, "velocity.npy"), np.broadcast_to((SLIDE, 0.0), position.shape))
-        Path(folder, "column.toml").write_text(
-            f"""
-[domain]
-size = {list(box)}
-depth = 0.04
-[particles]
-position = "position.npy"
-velocity = "velocity.npy"
-radius = {contact.RADIUS}
-density = {contact.DENSITY}
-[contact]
-young_modulus = 7e7
-restitution = 0.7
-friction = 0.1
-rolling_friction = 0.1
-time_step = {contact.STEP}
-speed = 5.0
-[time]
-end = 1.0
-output_interval = {1.0 / round(1.0 / (steps * contact.STEP))}
-"""
-        )
-        scene = jaxdem.load_scene(Path(folder, "column.toml"))
+        scene = jaxdem.load_scene(contact.write_sliding_column(Path(folder), count, steps))
         simulation, parameters = jaxdem.build(scene)
         state, neighbors = jaxdem.initial_state(scene, simulation, parameters)
     advance = jax.jit(lambda s, n: step(simulation, parameters, s, n)[:2]).lower(state, neighbors).compile()
