@@ -1,6 +1,5 @@
 """Two fluids in a scene: what is refused, what a run writes, and a run that goes on from another on another mesh."""
 
-import copy
 import dataclasses
 
 import jax
@@ -18,6 +17,7 @@ from jaxdem.setup.fluid import fluid_setup
 from jaxdem.setup.start_point import read_start
 from jaxdem.setup.started_fluid import kept_liquid
 from jaxdem.setup.surface import fall_speed, first_fraction, surface_limits
+from tests.cases import small_scenes
 
 TANK = {
     "precision": "float64",
@@ -36,17 +36,7 @@ TANK = {
 
 def changed(**values):
     """The tank with dotted keys set, or removed with None."""
-    found = copy.deepcopy(TANK)
-    for key, value in values.items():
-        *folders, name = key.split("__")
-        table = found
-        for folder in folders:
-            table = table.setdefault(folder, {})
-        if value is None:
-            table.pop(name)
-        else:
-            table[name] = value
-    return found
+    return small_scenes.changed(TANK, **values)
 
 
 REFUSED = {

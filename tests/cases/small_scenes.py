@@ -1,5 +1,6 @@
-"""Scenes of a few grains, for tests of what surrounds a run; each test gives its own times."""
+"""Scenes of a few grains, for tests of what surrounds a run; each test gives its own times. And scenes changed."""
 
+import copy
 from typing import Any
 
 SMALL_INJECTION: dict[str, Any] = {
@@ -17,3 +18,18 @@ SMALL_INJECTION: dict[str, Any] = {
         "right": {"kind": "outlet"},
     },
 }
+
+
+def changed(tables, **values):
+    """Tables with keys set, or removed with None; two underscores stand for a dot."""
+    found = copy.deepcopy(tables)
+    for key, value in values.items():
+        *folders, name = key.split("__")
+        table = found
+        for folder in folders:
+            table = table.setdefault(folder, {})
+        if value is None:
+            table.pop(name)
+        else:
+            table[name] = value
+    return found

@@ -1,7 +1,5 @@
 """Temperatures in a scene: what is refused, what `check` tells, slopes, and a run that begins from another."""
 
-import copy
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,22 +9,7 @@ import jaxdem
 from jaxdem import InputError, load_run, load_scene, simulate
 from jaxdem.check.check import check_scene
 from tests.cases.heat import chain_tables, stream_tables
-
-
-def changed(tables, **values):
-    """Tables with dotted keys set, or removed with None."""
-    found = copy.deepcopy(tables)
-    for key, value in values.items():
-        *folders, name = key.split("__")
-        table = found
-        for folder in folders:
-            table = table.setdefault(folder, {})
-        if value is None:
-            table.pop(name)
-        else:
-            table[name] = value
-    return found
-
+from tests.cases.small_scenes import changed
 
 CHAIN, STREAM = chain_tables(3, 4000.0, 0.01), stream_tables(1e-3)
 DYE = [{"name": "dye"}]
