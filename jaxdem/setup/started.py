@@ -20,6 +20,7 @@ from jaxdem.particles.integrate import ParticleState
 from jaxdem.particles.neighbors import Neighbors, Room
 from jaxdem.scene import Scene
 from jaxdem.scene.rows import rows_of
+from jaxdem.setup.contact import COHESIONS
 from jaxdem.setup.first_parts import Begun, with_parts
 from jaxdem.setup.first_scalars import first_scalars
 from jaxdem.setup.overlaps import allowed_overlap, check_initial_positions
@@ -34,9 +35,6 @@ from jaxdem.setup.stored import stored_room
 from jaxdem.setup.wall_overlaps import check_meshes, check_surfaces
 from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters, State
-
-REMEMBERING = ("jkr", "capillary")
-"""Kinds of cohesion by which a contact keeps a value."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -150,7 +148,7 @@ class Beginning:
         model = required(self.simulation.contact, "contact").model
         springs = self._kept - model.memory
         memory: list[np.ndarray] = []
-        if before in REMEMBERING:
+        if before is not None and COHESIONS[before]().memory:
             memory, found = found[-1:], found[:-1]
         if not model.memory or before != required(self.scene.contact, "contact").cohesion_kind:
             return found[:springs]
