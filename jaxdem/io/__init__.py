@@ -3,14 +3,13 @@
 from jaxdem.io.checkpoint import read_checkpoint, write_checkpoint
 from jaxdem.io.fluid_file import FluidFormat, fluid_frame
 from jaxdem.io.frames import Frame, FrameSeries
-from jaxdem.io.history import COLUMNS, History, read_history
+from jaxdem.io.history import History, read_history
 from jaxdem.io.load import Run, load_run
 from jaxdem.io.particle_file import ParticleFormat, particle_frame
 from jaxdem.io.run_directory import RunDirectory
 from jaxdem.io.samples import SampleFormat, Samples
 
 __all__ = [
-    "COLUMNS",
     "FluidFormat",
     "Frame",
     "FrameSeries",

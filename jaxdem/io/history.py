@@ -9,27 +9,16 @@ import numpy as np
 
 from jaxdem.io.lines import LineFile, read_columns
 from jaxdem.io.part_columns import is_of_a_part
+from jaxdem.metrics import HISTORY_COLUMNS
 
-COLUMNS = (
-    "time",
-    "drag_force_mean",
-    "particle_velocity_mean",
-    "collision_force_mean",
-    "kinetic_energy",
-    "runoff",
-    "height",
-    "fluid_pressure_mean",
-    "fluid_velocity_mean",
-    "fluid_velocity_median",
-)
-_HEADER = ",".join(COLUMNS)
+_HEADER = ",".join(HISTORY_COLUMNS)
 
 
 class History(LineFile):
     """Writer of a `history.csv`, with further columns if asked; see `LineFile`."""
 
     def __init__(self, path: Path, extra: tuple[str, ...] = ()):
-        super().__init__(path, COLUMNS + extra)
+        super().__init__(path, HISTORY_COLUMNS + extra)
 
     def append(self, row: Mapping[str, float | None]) -> None:
         """Add a line and put it on disk; columns that `row` lacks, None and NaN are left empty.
@@ -48,7 +37,7 @@ class CountedHistory(History):
     """In the place of a `History` for a process that another one writes it for: lines are counted, none is written."""
 
     def __init__(self, path: Path, extra: tuple[str, ...] = ()):
-        self.path, self.columns = path, COLUMNS + extra
+        self.path, self.columns = path, HISTORY_COLUMNS + extra
         self.rows = len(read_history(path)["time"]) if path.exists() else 0
 
     def append(self, row: Mapping[str, float | None]) -> None:
@@ -70,4 +59,4 @@ def read_history(path: str | Path) -> dict[str, np.ndarray]:
 
 
 def _of_a_history(names: tuple[str, ...]) -> bool:
-    return names[: len(COLUMNS)] == COLUMNS and all(map(is_of_a_part, names[len(COLUMNS) :]))
+    return names[: len(HISTORY_COLUMNS)] == HISTORY_COLUMNS and all(map(is_of_a_part, names[len(HISTORY_COLUMNS) :]))

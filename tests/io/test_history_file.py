@@ -6,8 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from jaxdem.errors import InputError
-from jaxdem.io import COLUMNS, History, read_history
+from jaxdem.io import History, read_history
 from jaxdem.io.lines import LineFile, read_columns
+from jaxdem.metrics import HISTORY_COLUMNS
 
 HEADER = (
     "time,drag_force_mean,particle_velocity_mean,collision_force_mean,kinetic_energy,runoff,height,"
@@ -22,14 +23,14 @@ def test_header_is_the_contract(tmp_path):
 
 
 @settings(max_examples=30, deadline=None)
-@given(st.lists(st.floats(allow_nan=False), min_size=len(COLUMNS), max_size=len(COLUMNS)))
+@given(st.lists(st.floats(allow_nan=False), min_size=len(HISTORY_COLUMNS), max_size=len(HISTORY_COLUMNS)))
 def test_numbers_read_back_exactly(tmp_path_factory, values):
     path = tmp_path_factory.mktemp("h") / "history.csv"
     history = History(path)
-    history.append(dict(zip(COLUMNS, values, strict=True)))
+    history.append(dict(zip(HISTORY_COLUMNS, values, strict=True)))
     history.append({"time": np.float32(0.1)})
     table = read_history(path)
-    for name, value in zip(COLUMNS, values, strict=True):
+    for name, value in zip(HISTORY_COLUMNS, values, strict=True):
         assert table[name][0] == value and math.copysign(1, table[name][0]) == math.copysign(1, value)
     assert table["time"][1] == float(np.float32(0.1))
 
