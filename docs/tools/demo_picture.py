@@ -2,7 +2,8 @@
 
     python docs/tools/demo_picture.py runs/demo docs/pictures/demo.png
 
-needs the folder of a finished `jaxdem study clusters --scale demo`.
+needs the folder of a finished `jaxdem study clusters --scale demo`. It prints the table of docs/learned_closures.md,
+from which README.md has its figures: picture and figures are of one study.
 """
 
 from __future__ import annotations
@@ -42,9 +43,32 @@ def compared(study: Path) -> Comparison:
     return build(Candidate(fine, "fine"), candidates, noise)
 
 
-def draw(study: Path, out: Path) -> None:
-    """Read the runs of a study, write one picture."""
-    comparison = compared(study)
+def table(comparison: Comparison) -> str:
+    """Mean errors and run times of all runs, as Markdown."""
+    lines = [
+        "| run | mean error (range over three packs) | over the noise | run time [s] | over that of the fine run |"
+    ]
+    lines.append("| --- " * 5 + "|")
+    whole = comparison.reference.run_time_s
+    for row in comparison.runs:
+        percent = [100.0 * error for error in (row.mean_error, min(row.pack_errors), max(row.pack_errors))]
+        error = "{:.2g} % ({:.2g}-{:.2g})".format(*percent)
+        times = f"{row.run_time_s:.2g} | {row.run_time_s / whole:.2g}"
+        lines.append(f"| {row.name} | {error} | {comparison.over_noise(row):.2g} | {times} |")
+    errors = [100.0 * row.mean_error for row in comparison.noise_rows]
+    noise = f"{100.0 * comparison.noise_mean:.2g} % ({min(errors):.2g}-{max(errors):.2g})"
+    lines.append(f"| fine, two other packs (noise) | {noise} | 1 | {whole:.2g} | 1 |")
+    return "\n".join(lines)
+
+
+def collision_errors(comparison: Comparison) -> str:
+    """The error of the mean collision force of each run, in a line."""
+    found = [f"{row.name} {100.0 * row.errors['collision_force_mean']:.0f} %" for row in comparison.runs]
+    return f"Collision force: {', '.join(found)}"
+
+
+def draw(comparison: Comparison, out: Path) -> None:
+    """Write one picture of the runs of a study."""
     rows = [comparison.reference, *comparison.runs]
     shots = [pictures.take(row.run, row.run.number_of_frames - 1) for row in rows]
     tops = pictures.common_tops([[shot] for shot in shots])
@@ -65,4 +89,6 @@ def draw(study: Path, out: Path) -> None:
 
 
 if __name__ == "__main__":
-    draw(Path(sys.argv[1]), Path(sys.argv[2]))
+    runs = compared(Path(sys.argv[1]))
+    draw(runs, Path(sys.argv[2]))
+    print(table(runs), collision_errors(runs), sep="\n\n")
