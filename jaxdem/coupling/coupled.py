@@ -11,9 +11,10 @@ from jax import Array
 from jaxdem.closures.base import DragClosure, DragInputs
 from jaxdem.coupling.deposition import Deposition
 from jaxdem.coupling.drag import DragModel, IntervalDrag, interval_drag
-from jaxdem.coupling.exchange import Exchange, plus, total
+from jaxdem.coupling.exchange import Exchange
 from jaxdem.coupling.exchange_result import ExchangeDiagnostics, FluidForces
 from jaxdem.coupling.forces.protocol import Contribution, FluidForce, IntervalEnd, IntervalStart
+from jaxdem.coupling.further_impulses import plus, total
 from jaxdem.coupling.inputs import MeshFields, drag_inputs
 from jaxdem.coupling.interpolation import Weights
 from jaxdem.coupling.member_weights import body_weights

@@ -17,7 +17,6 @@ In model B particles feel no pressure gradient and no stress; the drag stands fo
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -26,12 +25,13 @@ from jax import Array
 from jaxdem.closures.base import DragInputs
 from jaxdem.coupling.drag import IntervalDrag
 from jaxdem.coupling.exchange_result import ExchangeDiagnostics, FluidForces
-from jaxdem.coupling.forces.protocol import Contribution, FluidForce, IntervalStart, MeanForce
-from jaxdem.coupling.interpolation import Weights, deposit_on_faces, interpolate, interpolate_faces
+from jaxdem.coupling.forces.protocol import Contribution, FluidForce, IntervalStart
+from jaxdem.coupling.further_impulses import ForceSums, FurtherImpulses, Motion, convective_acceleration, plus, total
+from jaxdem.coupling.interpolation import deposit_on_faces, interpolate_faces
 from jaxdem.coupling.open_cells import of_whole_cells, seen_slope
 from jaxdem.coupling.presence import present_volume, volume_error
 from jaxdem.fluid.fluid_state import FaceExchange, FluidState, FluidStep, ParticleFields
-from jaxdem.fluid.grid import FaceField, Grid, box_smallest, cell_average, face_total, gradient, sum_of
+from jaxdem.fluid.grid import FaceField, box_smallest, face_total, sum_of
 from jaxdem.fluid.interval import (
     FluidInterval,
     SolverRecord,
@@ -41,13 +41,6 @@ from jaxdem.fluid.interval import (
 )
 from jaxdem.numerics.blocks import total as total_of
 from jaxdem.particles.integrate import as_column
-
-
-class _Sums(NamedTuple):
-    """Impulses of a further force so far, (N, D) [kg m/s]; see `MeanForce`."""
-
-    given: Array
-    drive: Array | None
 
 
 class _Carry(NamedTuple):
@@ -73,22 +66,8 @@ class _Carry(NamedTuple):
     viscous: Array
     balance: Array
     terms: Array
-    further: dict[str, _Sums]
+    further: dict[str, ForceSums]
     of_fluid: StepSums
-
-
-class _Motion(NamedTuple):
-    """How the fluid moves past the particles at the start of a fluid step, all (N, D); only with slip masses.
-
-    Attributes:
-        fluid: its velocity at the particles [m/s].
-        slip: the same less that of the particles [m/s].
-        convected: change of the fluid velocity along its path by convection in the step; 0 without virtual mass [m/s].
-    """
-
-    fluid: Array
-    slip: Array
-    convected: Array | float
 
 
 class _ExplicitTerms(NamedTuple):
@@ -104,7 +83,7 @@ class _ExplicitTerms(NamedTuple):
     velocity: Array
     impulse: Array
     others: Array
-    motion: _Motion | None
+    motion: Motion | None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -148,16 +127,17 @@ class Exchange:
         """Void fraction of the cells, of the present positions [-]."""
         return 1.0 - self.solids
 
+    @property
+    def impulses(self) -> FurtherImpulses:
+        """Of the further forces."""
+        return FurtherImpulses(self.further, self.contributions, self.substeps)
+
     def first(self, fluid: FluidState) -> _Carry:
         """What the loop of fluid steps starts with."""
         velocity = self.start.particles.velocity
         zero = jnp.zeros_like(velocity)
         dimension, dtype = velocity.shape[1], velocity.dtype
-        sums = {
-            force.name: _Sums(zero, zero if force.is_inertia else None)
-            for force in self.further
-            if self.contributions[force.name].slip_mass is not None
-        }
+        sums = self.impulses.none_yet(zero)
         return _Carry(
             fluid, jnp.zeros_like(fluid.pressure), velocity, zero, zero, zero,
             jnp.zeros((2, dimension), dtype), jnp.zeros((), dtype), sums,
@@ -184,13 +164,13 @@ class Exchange:
         if self.interval.solver.shares_stress:
             others = others + self._pressure_impulse(carry.fluid)
         terms = [] if self.drag.remainder is None else [step * self.drag.remainder]
-        terms += [term for c in self.contributions.values() for term in self._explicit_impulses(c)]
+        terms += self.impulses.known
         motion = None
         if self.slip_mass is not None:
             fluid = interpolate_faces(weights, faces)
-            motion = _Motion(fluid, fluid - carry.velocity, 0.0)
+            motion = Motion(fluid, fluid - carry.velocity, 0.0)
             terms.append(-as_column(self.slip_mass) * motion.slip)
-        inertia = total(self.contributions[f.name].slip_mass for f in self.further if f.is_inertia)
+        inertia = self.impulses.inertia
         if inertia is not None and motion is not None:
             convected = step * convective_acceleration(self.start.grid, weights, faces)
             motion = motion._replace(convected=convected)
@@ -208,7 +188,7 @@ class Exchange:
         # Each face's own velocity at the start in place of that seen by the particles, and what faces have still to
         # lose.
         held = self.slip_mass * self.attenuation
-        received = plus(held[:, None] * explicit.motion.fluid, *self._pending)
+        received = plus(held[:, None] * explicit.motion.fluid, *self.impulses.pending)
         own, less = deposit_on_faces(grid, weights, held), deposit_on_faces(grid, weights, received)
         faces = carry.fluid.face_velocity
         forcing = tuple(f + r * u - x for f, r, u, x in zip(forcing, own, faces, less, strict=True))
@@ -226,12 +206,13 @@ class Exchange:
         if solver.shares_stress and solver.viscous:
             stress = interpolate_faces(weights, result.viscous_acceleration)
             viscous = step * self.start.properties.density * as_column(bodies.volume) * stress
-        further, of_forces, on_bodies, mass = self._further(carry, explicit, fluid, impulse)
-        on_moving_bodies = impulse - of_forces + on_bodies if further else impulse
+        before = carry.velocity, explicit.others, impulse
+        further = self.impulses.received(carry.further, explicit.motion, fluid, before, bodies.mass)
+        on_moving_bodies = impulse - further.of_faces + further.on_bodies if further.sums else impulse
         lost = _lost(faces, result.state.face_velocity)
         totals = jnp.stack(
             (
-                total_of(blocks, jnp.sum(self._own(plus(impulse, *self._pending)), axis=0)),
+                total_of(blocks, jnp.sum(self._own(plus(impulse, *self.impulses.pending)), axis=0)),
                 jnp.stack(face_total(self.start.grid, lost)),
             )
         )
@@ -239,60 +220,20 @@ class Exchange:
         return _Carry(
             result.state,
             carry.pressure + result.state.pressure,
-            carry.velocity + (step * self.steady + on_moving_bodies + pressure + viscous) / as_column(mass),
-            carry.drag + (impulse - of_forces if further else impulse),
+            carry.velocity + (step * self.steady + on_moving_bodies + pressure + viscous) / as_column(further.mass),
+            carry.drag + (impulse - further.of_faces if further.sums else impulse),
             carry.pressure_gradient + pressure,
             carry.viscous + viscous,
             carry.balance + totals,
             carry.terms + total_of(blocks, jnp.sum(sizes)),
-            further,
+            further.sums,
             carry.of_fluid.plus(result),
         )
-
-    def _further(
-        self, carry: _Carry, explicit: _ExplicitTerms, fluid: Array, impulse: Array
-    ) -> tuple[dict[str, _Sums], Array | float, Array | float, Array]:
-        """Impulses of the forces with a slip mass: their sums so far; in this step all together, as the faces give them
-        and as they act on the bodies that move; and the mass of these bodies."""
-        mass = self.start.bodies.mass
-        motion = explicit.motion
-        if motion is None:
-            return {}, 0.0, 0.0, mass
-        slip = fluid - (carry.velocity + (explicit.others + impulse) / as_column(mass))
-        change, sums = slip - motion.slip, {}
-        of_forces, on_bodies = [], []
-        for force in self.further:
-            c = self.contributions[force.name]
-            if c.slip_mass is None:
-                continue
-            held, past = as_column(c.slip_mass), carry.further[force.name]
-            given = held * (change + motion.convected if force.is_inertia else change)
-            given = plus(given, *self._explicit_impulses(c))
-            drive = None
-            if force.is_inertia:
-                drive = held * (fluid - motion.fluid + motion.convected)
-                mass = mass + c.slip_mass
-            of_forces.append(given)
-            on_bodies.append(given if drive is None else drive)
-            sums[force.name] = _Sums(past.given + given, None if drive is None else plus(drive, past.drive))
-        return sums, sum_of(of_forces), sum_of(on_bodies), mass
 
     def forces(self, carry: _Carry) -> FluidForces:
         """Mean forces of the interval."""
         duration = self.interval.duration
-        drag = carry.drag / duration
-        further = {}
-        for force in self.further:
-            c = self.contributions[force.name]
-            if c.slip_mass is not None:
-                sums = carry.further[force.name]
-                drive = None if sums.drive is None else sums.drive / duration
-                further[force.name] = MeanForce(sums.given / duration, drive, c.memory)
-                continue
-            explicit = self._explicit_impulses(c)
-            mean = sum_of(explicit) / self.substeps.step if explicit else jnp.zeros_like(drag)
-            further[force.name] = MeanForce(mean, None, c.memory)
-            drag = drag - mean if explicit else drag
+        further, drag = self.impulses.means(carry.further, duration, carry.drag / duration)
         return FluidForces(
             drag,
             carry.pressure_gradient / duration,
@@ -318,18 +259,6 @@ class Exchange:
             total_of(grid.blocks, jnp.sum(self.drag.out_of_range.astype(jnp.int32))),
         )
 
-    def _explicit_impulses(self, contribution: Contribution) -> list[Array]:
-        """Impulses in a fluid step that are known at the start of the interval, (N, D) [kg m/s]."""
-        force, impulse = contribution.force, contribution.impulse
-        terms = [] if force is None else [self.substeps.step * force]
-        return terms if impulse is None else [*terms, impulse / self.substeps.number]
-
-    @property
-    def _pending(self) -> list[Array]:
-        """Impulses of the last interval that the faces lose in a fluid step, (N, D) [kg m/s]."""
-        pending = (c.pending_impulse for c in self.contributions.values())
-        return [impulse / self.substeps.number for impulse in pending if impulse is not None]
-
     def _own(self, rows: Array) -> Array:
         """(N, D) of the particles of this slab: zero for its neighbours' particles, which it knows as well."""
         active = self.start.particles.active
@@ -346,26 +275,6 @@ class Exchange:
         return -self.substeps.step * volume * interpolate_faces(self.start.weights, slope)
 
 
-def convective_acceleration(grid: Grid, weights: Weights, face_velocity: FaceField) -> Array:
-    """u.grad u at the particles, (N, D) [m/s2]; exact for a linear flow away from walls."""
-    velocity = cell_average(face_velocity)
-    terms = tuple(
-        sum_of(u * slope for u, slope in zip(velocity, cell_average(gradient(grid, component)), strict=True))
-        for component in velocity
-    )
-    return interpolate(weights, terms)
-
-
 def _lost(faces: FaceExchange, velocity: FaceField) -> FaceField:
     """Impulse that the faces lose [kg m/s]."""
     return tuple(r * u - f for r, u, f in zip(faces.resistance, velocity, faces.forcing, strict=True))
-
-
-def total(parts: Iterable[Array | None]) -> Array | None:
-    """Sum of those that are there; None for none."""
-    return sum_of(part for part in parts if part is not None)
-
-
-def plus(first: Array, *parts: Array | None) -> Array:
-    """`first` and those that are there."""
-    return sum_of((first, *(part for part in parts if part is not None)))

@@ -9,7 +9,7 @@ from scipy.special import wofz
 
 import jaxdem
 from jaxdem.coupling.deposition import Kernel
-from jaxdem.coupling.exchange import convective_acceleration
+from jaxdem.coupling.further_impulses import convective_acceleration
 from jaxdem.errors import InputError
 from jaxdem.fluid.grid import Grid, face_average, face_total
 from jaxdem.run.restart import from_arrays, to_arrays
