@@ -30,6 +30,7 @@ ROOMS = (
 
 OF_ONE_TRACE = {
     "Exchange",
+    "FurtherImpulses",
     "IntervalStart",
     "IntervalEnd",
     "Insertion",
