@@ -22,6 +22,7 @@ from jaxdem.io import read_checkpoint
 from jaxdem.particles.packing import deepest_overlap
 from jaxdem.run.time_loop import Interrupted
 from jaxdem.setup.builder import build_case
+from jaxdem.setup.start_point import of_deposit
 from tests.cases.tiers import COMBINATION, tiered
 
 RADIUS, HALF, END = 0.01, 0.06, 0.12
@@ -256,6 +257,15 @@ def test_a_frame_in_place_of_the_checkpoint(half):
     assert float(np.asarray(flux[0])[0].sum()) * grid.spacing[1] == pytest.approx(inflow, rel=1e-5)
     with pytest.raises(InputError, match=r"no frame at this time.*nearest is at 0\.04 s"):
         first_state(later(half, {"start.time": 0.035}))
+
+
+def test_cells_are_filled_anew_where_kernels_differ():
+    """Of several sizes kernels of the largest grain and of each one's own fill the cells differently."""
+    tables = [load_scene(SCENE, {"coupling.kernel_diameter": kind}).tables() for kind in ("largest", "own")]
+    of_largest, of_own = map(of_deposit, tables)
+    assert of_largest != of_own
+    del tables[0]["coupling"]["kernel_diameter"]  # as versions before this key wrote it
+    assert of_deposit(tables[0]) == of_largest
 
 
 @pytest.mark.parametrize("cells", tiered([[2, 2], [8, 8]], first=[[2, 2]]))

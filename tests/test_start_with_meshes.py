@@ -66,6 +66,9 @@ def test_springs_go_to_the_contacts_that_they_belong_to(runs):
     row = np.asarray(neighbors.meshes[0].row)
     spring = np.asarray(state.particles.mesh_memory[0].spring[0])
     assert (np.abs(spring).max(axis=0)[row < 3] > 1e-9).all(), "all three grains lie on the mesh"
+    renamed = [SCENE["walls"][0] | {"name": "floor", "end": 5.0}]  # the same wall, which is there until then
+    state, _ = build_case(of_end(END, start={"from": str(half.path)}, walls=renamed)).initial_state()
+    np.testing.assert_array_equal(state.particles.mesh_memory[0].spring[0], spring)
     moved = copy.deepcopy(SCENE["walls"])
     moved[0]["translate"] = [0.0, 0.0899]
     state, _ = build_case(of_end(END, start={"from": str(half.path)}, walls=moved)).initial_state()

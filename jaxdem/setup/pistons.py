@@ -10,7 +10,7 @@ from jaxdem.errors import InputError
 from jaxdem.numerics.host import on_device
 from jaxdem.particles.moving_walls import PistonState
 from jaxdem.scene import Scene
-from jaxdem.setup.start_point import StartPoint, wall_text
+from jaxdem.setup.start_point import StartPoint, wall_texts
 
 
 def first_pistons(scene: Scene, dtype: np.dtype[np.floating], start: StartPoint | None) -> PistonState | None:
@@ -19,15 +19,17 @@ def first_pistons(scene: Scene, dtype: np.dtype[np.floating], start: StartPoint 
     Raises:
         InputError: a wall was a piston, has moved, and is none any more.
     """
-    now = [wall_text(wall) for wall in scene.walls if wall.piston is not None]
+    now = wall_texts(wall for wall in scene.walls if wall.piston is not None)
     arrays, before = ({}, []) if start is None else (start.arrays, start.pistons)
     for number, text in enumerate(before):
         moved = float(arrays["state.particles.pistons.displacement"][number])
         if moved != 0.0 and text not in now:
-            there = [wall_text(wall) for wall in scene.walls]
-            key = f"walls.{there.index(text)}.piston" if text in there else "walls"
-            limit = f"was a piston in the run before and has moved by {moved:.6g} m: the wall would jump back"
-            raise InputError(key, None, limit, "give the wall its piston again, or begin without [start]")
+            there, remedy = wall_texts(scene.walls), "give the wall its piston again, or begin without [start]"
+            if text in there:
+                limit = f"was a piston in the run before and has moved by {moved:.6g} m: the wall would jump back"
+                raise InputError(f"walls.{there.index(text)}.piston", None, limit, remedy)
+            limit = f"has no wall at the place of the piston {text} of the run before, which has moved by {moved:.6g} m"
+            raise InputError("walls", f"{len(there)} tables", limit, remedy)
     if not now:
         return None
     values: dict[str, Any] = {}

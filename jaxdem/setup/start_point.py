@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -32,6 +33,10 @@ ABOUT = ("domain", "boundary", "materials", "walls", "contact", "fluid", "surfac
 
 NOT_OF_PLACE = ("name", "material", "temperature", "heat_flux", "wear")
 """Keys of a wall that say nothing about where it is."""
+
+MAY_CHANGE = (*NOT_OF_PLACE, "motion", "piston", "fluid", "begin", "end")
+"""Keys of a wall that a scene may change of a wall of the run that it begins from, which is then the same wall: what is
+kept at it goes on."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -89,20 +94,17 @@ class StartPoint:
     @property
     def walls(self) -> list[str]:
         """What tells its walls apart, in the order in which contacts remember them."""
-        found: list[str] = json.loads(str(self._about("walls")))
-        return found
+        return _as_now(json.loads(str(self._about("walls"))))
 
     @property
     def pistons(self) -> list[str]:
         """What tells its pistons apart, in their order."""
-        found: list[str] = json.loads(str(self.attributes.get("pistons", "[]")))
-        return found
+        return _as_now(json.loads(str(self.attributes.get("pistons", "[]"))))
 
     @property
     def meshes(self) -> list[str]:
         """What tells its walls that are meshes apart, in their order."""
-        found: list[str] = json.loads(str(self.attributes.get("meshes", "[]")))
-        return found
+        return _as_now(json.loads(str(self.attributes.get("meshes", "[]"))))
 
     @property
     def sha256(self) -> str:
@@ -157,26 +159,51 @@ def of_deposit(tables: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "box": [domain["size"], domain.get("depth"), tables.get("fluid", {}).get("cells")],
         "periodic": {name: side["kind"] == "periodic" for name, side in tables.get("boundary", {}).items()},
-        "kernel": [coupling.get("void_fraction"), coupling.get("kernel_width")],
+        "kernel": [
+            coupling.get("void_fraction"),
+            coupling.get("kernel_width"),
+            coupling.get("kernel_diameter", "largest"),
+        ],
         "walls": [{key: value for key, value in wall.items() if key not in NOT_OF_PLACE} for wall in walls],
     }
 
 
-def wall_text(wall: Wall) -> str:
-    """What tells a wall of a scene from others, but for how it moves."""
-    own = wall.model_dump(mode="json", exclude_none=True, exclude={"name", "motion", "piston"})
-    return json.dumps(own, sort_keys=True)
+def wall_texts(walls: Iterable[Wall]) -> list[str]:
+    """What tells each wall of a scene from the others: where its keys have it. A further one at the same place has a
+    number behind it."""
+    found: list[str] = []
+    for wall in walls:
+        own = wall.model_dump(mode="json", exclude_none=True, exclude=set(MAY_CHANGE))
+        text = json.dumps(own, sort_keys=True)
+        found.append(next(name for name in _with_numbers(text) if name not in found))
+    return found
+
+
+def _with_numbers(text: str) -> Iterator[str]:
+    yield text
+    yield from (f"{text} {number}" for number in itertools.count(2))
+
+
+def _as_now(texts: list[str]) -> list[str]:
+    """The texts of a checkpoint without what `MAY_CHANGE`, which earlier versions counted too."""
+    found = []
+    for text in texts:
+        if text.startswith("{"):
+            own, end = json.JSONDecoder().raw_decode(text)
+            kept = {key: value for key, value in own.items() if key not in MAY_CHANGE}
+            text = json.dumps(kept, sort_keys=True) + text[end:]
+        found.append(text)
+    return found
 
 
 def walls_of(scene: Scene, simulation: Simulation) -> list[str]:
-    """What tells the walls of a scene apart: the side, or the table of the wall, or the number of a function. How a
-    wall moves does not count: it may be driven otherwise from a run to the next."""
+    """What tells the walls of a scene apart: the side, or the place of the wall, or the number of a function."""
     if simulation.contact is None:
         return []
     model = simulation.contact.model
     found = [scene.sides[2 * side.axis + (side.inward < 0)] for side in model.sides]
-    for wall in scene.walls:
-        found += [f"{wall_text(wall)} {part}" for part in range(len(surfaces_of(wall)))]
+    for wall, text in zip(scene.walls, wall_texts(scene.walls), strict=True):
+        found += [f"{text} {part}" for part in range(len(surfaces_of(wall)))]
     functions = range(model.analytic_walls - len(found))
     return found + [f"function {k}" for k in functions]
 

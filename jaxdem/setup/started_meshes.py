@@ -13,7 +13,7 @@ from jaxdem.particles.mesh_contact import MeshMemory
 from jaxdem.particles.mesh_list import MeshList
 from jaxdem.particles.wear import WornMesh
 from jaxdem.scene import Scene
-from jaxdem.setup.start_point import StartPoint, wall_text
+from jaxdem.setup.start_point import StartPoint, wall_texts
 
 
 def kept_of_meshes(
@@ -34,7 +34,7 @@ def kept_of_meshes(
         rows: number of particles of the run before, which have the first rows here.
         springs_of: from the name of an array of the particles to the stored components that contacts here keep too.
     """
-    here = [wall_text(wall) for wall in scene.walls if wall.kind == "mesh"]
+    here = wall_texts(wall for wall in scene.walls if wall.kind == "mesh")
     found = []
     for text, listed, own in zip(here, lists, blank, strict=True):
         if text in start.meshes:
@@ -46,7 +46,7 @@ def kept_of_meshes(
 
 def wear_of_meshes(start: StartPoint, scene: Scene, blank: Sequence[WornMesh | None]) -> tuple[WornMesh | None, ...]:
     """What has been taken from each mesh: that of one that was there already goes on, in the precision of `blank`."""
-    here = [wall_text(wall) for wall in scene.walls if wall.kind == "mesh"]
+    here = wall_texts(wall for wall in scene.walls if wall.kind == "mesh")
     found = list(blank)
     for number, own in enumerate(blank):
         if own is not None and here[number] in start.meshes:

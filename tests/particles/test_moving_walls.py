@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import json
 
 import jax
 import jax.numpy as jnp
@@ -13,6 +14,8 @@ import jaxdem
 from jaxdem.check.check import check_scene
 from jaxdem.errors import InputError, RunError
 from jaxdem.run.differentiable import rollout
+from jaxdem.setup.builder import build_case
+from jaxdem.setup.start_point import StartPoint, wall_texts
 from tests.cases.moving_walls import grain, on_belt, path, pressed
 from tests.cases.tiers import COMBINATION
 
@@ -218,11 +221,36 @@ def test_a_run_goes_on_bit_for_bit(tmp_path):
 
 
 def test_a_piston_cannot_be_dropped_between_runs(tmp_path):
+    """It goes on where other keys of its wall change than those of its place."""
     jaxdem.simulate(jaxdem.load_scene(piston_tables(0.02)), tmp_path / "first")
     tables = piston_tables() | {"start": {"from": str(tmp_path / "first")}}
+    tables["walls"][0] |= {"name": "lid", "temperature": 400.0}
+    tables["heat"] = {
+        "particle_heat_capacity": 800.0, "particle_temperature": 300.0,
+        "particle_conductivity": 1.0, "true_young_modulus": 1e9,
+    }  # fmt: skip
+    state, _ = build_case(jaxdem.load_scene(tables)).first_state()
+    moved = state_of(tmp_path / "first")["state.particles.pistons.displacement"]
+    assert moved[0] != 0.0
+    np.testing.assert_array_equal(state.particles.pistons.displacement, moved)
     del tables["walls"][0]["piston"]
     with pytest.raises(InputError, match=r"walls\.0\.piston.*was a piston"):
         jaxdem.simulate(jaxdem.load_scene(tables), tmp_path / "second")
+    del tables["walls"][0]
+    with pytest.raises(InputError, match=r"walls = '1 tables': has no wall at the place of the piston \{"):
+        jaxdem.simulate(jaxdem.load_scene(tables), tmp_path / "second")
+
+
+def test_walls_are_told_apart_by_their_places():
+    """Of two at one place by their order; and a checkpoint of an earlier version had more keys of each."""
+    plane = {"kind": "plane", "point": [0.0, 0.1], "normal": [0.0, 1.0]}
+    tables = piston_tables() | {
+        "walls": [plane | {"end": 0.01}, plane | {"begin": 0.01}, plane | {"normal": [1.0, 0.0]}]
+    }
+    first, second, third = wall_texts(jaxdem.load_scene(tables).walls)
+    assert second == f"{first} 2" and third not in (first, second)
+    before = json.dumps(['{"end": 3.0, "kind": "plane", "material": "steel"} 1', "left"])
+    assert StartPoint("run", {}, {"walls": before}).walls == ['{"kind": "plane"} 1', "left"]
 
 
 def test_a_wall_faster_than_a_diameter_an_interval_is_met():
