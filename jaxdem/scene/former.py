@@ -40,7 +40,7 @@ def with_former(tables: dict[str, Any], former: Mapping[str, Any]) -> dict[str, 
     particles = _particles(tables.get("particles"), former.get("particles"), name)
     known = {"domain": domain, "particles": particles}
     if former.get("bonds"):
-        known["bonds"] = tables.get("bonds") or former["bonds"]
+        known["bonds"] = tables.get("bonds", former["bonds"])
     # Parcels that are made at the start are all there.
     ratios = [table.get(MERGED, 1.0) for table in (particles, former.get("particles")) if isinstance(table, dict)]
     merging = len(ratios) == 2 and ratios[0] != ratios[1]

@@ -180,8 +180,9 @@ def stored_bonds(scene: Scene, arrays: Mapping[str, np.ndarray], removed: np.nda
     table, status = arrays[f"{STORED}.table"][:-1], arrays[f"{STORED}.status"][:-1].astype(np.int64)
     tables = int(table.max(initial=0)) + 1
     if len(scene.bonds) < tables:
-        limit = f"the run {source} has bonds of {tables} tables, which go on with the numbers of these"
-        raise InputError("bonds", f"{len(scene.bonds)} tables", limit, "give as many tables, in the same order")
+        limit = f"the bonds of the run {source}, of {tables} table{'s' * (tables > 1)}, go on with the numbers of these"
+        remedy = "give as many tables, in the same order, or leave them out to go on with those of the run"
+        raise InputError("bonds", f"{len(scene.bonds)} tables", limit, remedy)
     first, second = (arrays[f"{STORED}.pairs.{name}"][:-1].astype(np.int64) for name in ("first", "second"))
     gone = np.isin(first, removed) | np.isin(second, removed)
     status = np.where((status == INTACT) & gone, LEFT, status)

@@ -327,6 +327,8 @@ def test_runs_are_resumed_and_go_on_in_another_bit_for_bit(tmp_path):
         jaxdem.simulate(jaxdem.load_scene(later | {"start": later["start"] | {"relax": True}}), tmp_path / "no")
     with pytest.raises(InputError, match="start.time"):
         jaxdem.simulate(jaxdem.load_scene(later | {"start": later["start"] | {"time": 0.0}}), tmp_path / "no")
+    with pytest.raises(InputError, match=r"bonds = '0 tables': the bonds of the run .* go on"):
+        jaxdem.simulate(jaxdem.load_scene(later | {"bonds": []}), tmp_path / "no")
 
 
 def _less_and_more_grains(later):
