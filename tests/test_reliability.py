@@ -224,7 +224,7 @@ def test_a_checkpoint_belongs_to_one_scene_version_and_closure():
 def test_a_run_killed_before_its_first_checkpoint_starts_over(tmp_path):
     path = tmp_path / "run"
     RunDirectory.create(path, DOMAIN).close()
-    (path / ".checkpoint.h5.tmp").write_bytes(b"half")
+    (path / ".checkpoint.h5.4711.tmp").write_bytes(b"half")
     with pytest.raises(InputError, match="--resume to continue"):
         RunDirectory.create(path, DOMAIN)
     with RunDirectory.resume(path, DOMAIN) as run:

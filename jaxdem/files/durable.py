@@ -66,8 +66,8 @@ def write_bytes(path: Path, content: bytes) -> None:
 
 
 def remove_leftovers(folder: Path) -> None:
-    """Remove what a killed writer left under its temporary name in `folder`."""
-    for leftover in folder.glob(f".*{SUFFIX_ASIDE}"):
+    """Remove what a killed writer left under its temporary name in `folder`, see `aside_name`."""
+    for leftover in folder.glob(f".*.[0-9]*{SUFFIX_ASIDE}"):
         leftover.unlink(missing_ok=True)
 
 

@@ -8,17 +8,20 @@ from pathlib import Path
 
 from jaxdem.errors import InputError
 from jaxdem.io.access import LOCK
+from jaxdem.io.chain import CHAIN
 from jaxdem.io.checkpoint import PARTS
 from jaxdem.io.frames import PARTS_FOLDER
 from jaxdem.io.pieces import PIECE
 from jaxdem.io.probes import PROBES_FILE, PROBES_FOLDER
-from jaxdem.io.run_folder import CHECKPOINT, HISTORY, SCENE
+from jaxdem.io.run_folder import CHECKPOINT, HISTORY, SCENE, START
 from jaxdem.io.samples import SampleFormat
 from jaxdem.io.series import KINDS
 from jaxdem.io.summary import SUMMARY
+from jaxdem.io.wall_file import WALLS
 
 FORMATS = (*(kind.format for kind in KINDS.values()), SampleFormat())
-OWN_FILES = {SCENE, HISTORY, CHECKPOINT, SUMMARY, LOCK, PROBES_FILE} | {f"{one.stem}{one.suffix}" for one in FORMATS}
+OWN_FILES = {SCENE, HISTORY, CHECKPOINT, START, SUMMARY, LOCK, PROBES_FILE, WALLS}
+OWN_FILES |= {f"{one.stem}{one.suffix}" for one in FORMATS}
 """Names in a run directory that are the run's."""
 
 
@@ -37,7 +40,8 @@ def refuse_what_is_read(option: str, out: Path, inputs: Iterable[str | Path | No
     of_probe = place.parent.name == PROBES_FOLDER and (place.parent.parent / SCENE).is_file()
     own = place.name in OWN_FILES or PIECE.fullmatch(place.name) is not None
     hidden = {PARTS_FOLDER, PARTS} & set(place.parts)
-    if hidden or of_probe or (own and (place.parent / SCENE).is_file()):
+    own = own and (place.parent / SCENE).is_file()
+    if hidden or of_probe or own or (place.name == CHAIN and place.is_file()):
         raise InputError(option, str(out), "is a file of a run, and would be lost", "Name another file.")
     for one in inputs:
         if one is not None and any(_same(found, out) for found in _files(Path(one))):

@@ -142,8 +142,11 @@ def test_files_of_two_runs_in_one_folder_are_refused(tmp_path):
 
 def test_a_file_of_one_process_is_not_written_to(tmp_path):
     (tmp_path / SCENE).write_text("")
-    with pytest.raises(InputError, match="is a file of a run"):
-        refuse_what_is_read("--out", tmp_path / "particles.2-of-4.vtkhdf", [])
+    for name in ("particles.2-of-4.vtkhdf", "start.h5", "walls.vtkhdf", "stages.toml"):
+        (tmp_path / name).write_bytes(b"")
+        with pytest.raises(InputError, match="is a file of a run"):
+            refuse_what_is_read("--out", tmp_path / name, [])
+    refuse_what_is_read("--out", tmp_path / "closure.h5", [])
 
 
 def test_a_checkpoint_of_several_processes_is_read_as_one(tmp_path):

@@ -273,8 +273,8 @@ def test_what_a_kill_leaves_is_harmless(tmp_path):
     path = tmp_path / "run"
     new_run(path, 4, 2)
     parts = path / ".frames"
-    (parts / ".particles.000004.vtkhdf.tmp").write_bytes(b"half")
-    (path / ".checkpoint.h5.tmp").write_bytes(b"half")
+    (parts / ".particles.000004.vtkhdf.4711.tmp").write_bytes(b"half")
+    (path / ".checkpoint.h5.4711.tmp").write_bytes(b"half")
     # Frame 4: fluid written, particles cut short, history line cut short.
     (parts / "fluid.000004.vtkhdf").write_bytes((parts / "fluid.000003.vtkhdf").read_bytes())
     whole = (parts / "particles.000003.vtkhdf").read_bytes()
