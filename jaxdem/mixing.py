@@ -9,6 +9,9 @@ from numpy.typing import ArrayLike
 
 from jaxdem.errors import InputError
 
+MOST_CELLS = 2.0**53
+"""Along an axis from the origin: beyond, a float no longer tells neighbouring whole numbers apart."""
+
 
 def mixing_index(
     position: ArrayLike,
@@ -50,14 +53,18 @@ def mixing_index(
     Poole, R. F. Taylor, G. P. Wall, Trans. Inst. Chem. Eng. 42 (1964) T305-T315. sr^2 for any sizes is derived here.
     """
     x, first = np.asarray(position, np.float64), np.asarray(kind)
-    size = np.ones(len(first)) if volume is None else np.asarray(volume, np.float64)
+    size = np.ones(first.shape) if volume is None else np.asarray(volume, np.float64)
     _require(x, first, size, cell)
     corner = np.zeros(x.shape[1]) if origin is None else np.asarray(origin, np.float64)
     if corner.shape != x.shape[1:] or not np.isfinite(corner).all():
         limit = f"must be {x.shape[1]} finite numbers"
         raise InputError("origin", origin, limit, "give one for each axis along which cells are cut [m]")
-    places = np.floor((x - corner) / np.asarray(cell, np.float64)).astype(np.int64)
-    _, number = np.unique(places, axis=0, return_inverse=True)
+    with np.errstate(over="ignore"):
+        places = np.floor((x - corner) / np.asarray(cell, np.float64))
+    if not (np.abs(places) < MOST_CELLS).all():
+        limit = "is too small to number the cells between the origin and the particles"
+        raise InputError("cell", cell, limit, "take larger cells, or an origin near the particles")
+    _, number = np.unique(places.astype(np.int64), axis=0, return_inverse=True)
     number = number.reshape(-1)
     held, of_first = np.bincount(number, size), np.bincount(number, size * first)
     whole = float(held.sum())

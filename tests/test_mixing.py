@@ -71,6 +71,7 @@ def test_what_is_refused():
         ((x, kind, -1.0), "cell", "positive"),
         ((x, kind, (1.0, 1.0, 1.0)), "cell", "2 axes"),
         ((x, kind, 1e-6), "cell", "larger"),
+        ((x, kind, 1e-300), "cell", "too small to number"),
     ):
         with pytest.raises(InputError) as caught:
             mixing_index(*given)

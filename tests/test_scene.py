@@ -86,7 +86,7 @@ def test_the_valid_scene_is_accepted():
 
 
 @pytest.mark.parametrize(
-    "name", ["[", "(x", "a[0]", "int", "str", "float", "tuple", "function-after", "\x1b[31m", "é\n"]
+    "name", ["[", "(x", "a[0]", "int", "str", "float", "tuple", "function-after", "\x1b[31m", "é\n", ""]
 )
 @pytest.mark.parametrize(
     ("table", "known"),
@@ -102,10 +102,21 @@ def test_the_valid_scene_is_accepted():
 def test_an_unknown_key_may_have_any_name(table, known, name):
     """pydantic's labels of branches look like some of them."""
     error = refusal(VALID, overrides={f"{table}{name}": {"kind": "wall"} if table == "boundary." else 1})
-    shown = name.replace("\x1b", "\\x1b").replace("\n", "\\n")
+    shown = name.replace("\x1b", "\\x1b").replace("\n", "\\n") or '""'
     assert str(error).startswith(f"{table}{shown} = ") and "unknown key" in str(error)
     assert known in str(error) or "Did you mean" in str(error)
     assert "\x1b" not in str(error) and "\n" not in str(error)
+
+
+@pytest.mark.parametrize("given", [(None,), (3,), (["a"],), (b"scene.toml",)], ids=str)
+def test_what_is_neither_a_path_nor_tables_is_refused(given):
+    with pytest.raises(InputError, match=r"^scene = .* is neither a path nor a dict of tables"):
+        load_scene(*given)
+
+
+@pytest.mark.parametrize("overrides", ["time.end=1.0", ["time.end=1.0"], {1: 2.0}], ids=str)
+def test_changes_that_are_no_dotted_keys_are_refused(overrides):
+    assert refusal(VALID, overrides=overrides).key == "overrides"
 
 
 @pytest.mark.parametrize("value", [{"float": 1}, {"tuple": [1]}, {"constrained-float": 1}])

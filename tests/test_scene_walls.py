@@ -120,6 +120,8 @@ def test_walls_need_particles_and_tables():
     assert refusal(tables() | {"walls": PLANE}).key == "walls"
     shape = refusal(tables(), lambda given: build(load_scene(given), walls=[lambda x: x]))
     assert shape.key == "walls" and "(2,)" in str(shape)
+    unknown = refusal(tables(), lambda given: build(load_scene(given), walls=[lambda x: jnp.sqrt(x[1] - 0.05) - 0.1]))
+    assert unknown.key == "walls" and "is not a number at [" in str(unknown)
 
 
 def test_the_stable_step_counts_walls_that_are_functions():

@@ -57,8 +57,15 @@ def save_closure(path: str | os.PathLike[str], closure: AnyClosure | SubgridClos
             seconds.
 
     Raises:
-        InputError: the base law is not a registered one, or the folder cannot be written.
+        InputError: it is no learned closure, its base law is not a registered one, a number in it is not finite, or the
+            folder cannot be written.
     """
+    if not isinstance(closure, AnyClosure | SubgridClosure):
+        limit = "is no learned closure, whose weights a file holds"
+        raise InputError("closure", type(closure).__name__, limit, "name a correlation in the scene: coupling.drag")
+    for name, leaf in _named_leaves(closure).items():
+        if reason := _unusable(name, np.asarray(leaf)):
+            raise InputError("closure", type(closure).__name__, reason, "train it again")
     structure = _structure(closure)
     text = json.dumps(metadata, default=_plain)
     with in_memory("closure") as file:
@@ -126,14 +133,21 @@ def _array(file: h5py.File, name: str, shape: tuple[int, ...], path: str | os.Pa
         found = f"{stored.shape} {stored.dtype}"
         raise kind.refusal(path, f"the array {name} has shape {found}, its structure asks for {shape} floats")
     values = stored[()]
+    if reason := _unusable(name, values):
+        raise kind.refusal(path, reason)
+    return jnp.asarray(values)
+
+
+def _unusable(name: str, values: NDArray[np.floating]) -> str:
+    """Why an array cannot be one of a closure; empty where it can."""
     with np.errstate(over="ignore"):
         single = values.astype(np.float32)
     unbounded = name.endswith(("_low", "_high"))  # the range of a closure that has not been trained
     if np.isnan(single).any() or (np.isinf(single).any() and not unbounded):
-        raise kind.refusal(path, f"the array {name} holds values that are not finite numbers in single precision")
+        return f"the array {name} holds values that are not finite numbers in single precision"
     if name.endswith("_scale") and not (single > 0.0).all():
-        raise kind.refusal(path, f"the array {name} holds values that are not positive")
-    return jnp.asarray(values)
+        return f"the array {name} holds values that are not positive"
+    return ""
 
 
 def _bytes(stored: Any) -> bytes:

@@ -42,8 +42,8 @@ def device_mesh(devices: int | Sequence[jax.Device]) -> Mesh:
     if not isinstance(devices, Sequence):
         if not 1 <= devices <= len(there):
             more = "on a CPU set XLA_FLAGS=--xla_force_host_platform_device_count=N before JAX starts"
-            remedy = f"ask for 1 to {len(there)}; {more}"
-            raise InputError("devices", devices, f"JAX sees {len(there)} devices", remedy)
+            seen, wanted = ("one device", "1") if len(there) == 1 else (f"{len(there)} devices", f"1 to {len(there)}")
+            raise InputError("devices", devices, f"JAX sees {seen}", f"ask for {wanted}; {more}")
         devices = there[:devices]
     return Mesh(np.array(devices), (MESH_AXIS,))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -35,6 +36,8 @@ class Run:
     """
 
     def __init__(self, path: str | Path):
+        if not isinstance(path, (str, os.PathLike)):
+            raise InputError("run", type(path).__name__, "is no path", _REMEDY)
         self.path = Path(path)
         if names := stage_names(self.path):
             limit = f"holds the stages {', '.join(names)}, each a run of its own"

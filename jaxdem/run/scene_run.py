@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Unpack
 
 import jax
+import numpy as np
 
 from jaxdem.closures.base import DragClosure
 from jaxdem.errors import InputError
@@ -64,13 +65,13 @@ def simulate(
         Interrupted: SIGINT or SIGTERM; a checkpoint was written.
     """
     require_scene(scene)
-    if not isinstance(out, (str, os.PathLike)):
+    if not isinstance(out, (str, os.PathLike)) or "\0" in os.fspath(out):
         raise InputError("out", out, "is no path", "give the folder of the run")
     for name, function in (("progress", progress), ("settling", settling)):
         if function is not None and not callable(function):
             raise InputError(name, function, "is no function", "give one that is called now and then, or None")
     for name, value in (("resume", resume), ("profile", profile)):
-        if value not in (True, False):
+        if not isinstance(value, (bool, np.bool_)):
             raise InputError(name, value, "is neither True nor False", "give one of them")
     options = RunOptions(closure, resume, progress, profile, settling, devices)
     if isinstance(scene, StagedScene):

@@ -39,6 +39,11 @@ def wrong(key: str, value: object, limit: str, remedy: str) -> PydanticCustomErr
     return PydanticCustomError("wrong", "{limit}", {"key": key, "value": value, "limit": limit, "remedy": remedy})
 
 
+def shown_key(name: object) -> str:
+    """A key as messages name it: an empty one in quotes, as TOML has it."""
+    return str(name) or '""'
+
+
 def nearest(name: str, known: Iterable[str]) -> str:
     """The remedy for a name that is none of those known: the one most like it, or all."""
     near = difflib.get_close_matches(name, list(known), n=1)
@@ -180,5 +185,5 @@ class Section(BaseModel):
         known = [field.alias or name for name, field in cls.model_fields.items()]
         for name, value in table.items() if isinstance(table, dict) else ():
             if name not in known:
-                raise wrong(str(name), value, UNKNOWN_KEY, nearest(str(name), known))
+                raise wrong(shown_key(name), value, UNKNOWN_KEY, nearest(str(name), known))
         return table

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
@@ -46,8 +47,15 @@ def load_scene(
             them. Read from its folder where they are not given.
 
     Raises:
-        InputError: naming key, value, limit and remedy.
+        InputError: naming key, value, limit and remedy; or an argument is of another kind.
     """
+    if not isinstance(source, (dict, str, os.PathLike)):
+        remedy = "give the path of a scene file, or its tables as a dict"
+        raise InputError("scene", type(source).__name__, "is neither a path nor a dict of tables", remedy)
+    named = isinstance(overrides, Mapping) and all(isinstance(key, str) for key in overrides)
+    if overrides is not None and not named:
+        limit, remedy = "is no dict of dotted keys", 'give, for example, {"time.end": 1.0}'
+        raise InputError("overrides", overrides, limit, remedy)
     if isinstance(source, dict):
         tables = _prepared(_copy(source), Path("."), overrides)
     else:

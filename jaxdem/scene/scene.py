@@ -9,7 +9,7 @@ import tomli_w
 from pydantic import Field, ValidationInfo, field_validator
 
 from jaxdem.errors import InputError
-from jaxdem.scene.base import UNKNOWN_KEY, Section, Tables, nearest, wrong
+from jaxdem.scene.base import UNKNOWN_KEY, Section, Tables, nearest, shown_key, wrong
 from jaxdem.scene.bonds import Bond, bonds_digest
 from jaxdem.scene.boundary import BoundarySide
 from jaxdem.scene.contact import Contact
@@ -124,7 +124,7 @@ class Scene(Section):
         known = SIDES[(info.context or {}).get("dimension", 3)]
         for name in sides if isinstance(sides, dict) else ():
             if name not in known:
-                raise wrong(str(name), str(name), UNKNOWN_KEY, nearest(str(name), known))
+                raise wrong(shown_key(name), str(name), UNKNOWN_KEY, nearest(str(name), known))
         return sides
 
     def tables(self) -> dict[str, Any]:

@@ -55,7 +55,8 @@ def wall_functions(functions: Sequence[Callable[[Array], Array]], scene: Scene, 
         dtype: of the positions.
 
     Raises:
-        InputError: a function gives something else than one number, or its slope at the surface is not one.
+        InputError: a function gives something else than one number, or NaN, or its slope at the
+            surface is not one.
     """
     steepest = 1.0
     for number, function in enumerate(functions):
@@ -63,7 +64,10 @@ def wall_functions(functions: Sequence[Callable[[Array], Array]], scene: Scene, 
         if shape != ():
             limit = f"a distance is one number for a point ({scene.dimension},), got the shape {shape}"
             raise InputError("walls", function, limit, "return a scalar")
-        slope = _slopes(function, np.asarray(scene.domain.size, dtype))
+        strange, slope = _looked_at(function, np.asarray(scene.domain.size, dtype))
+        if strange is not None:
+            limit = f"function {number} of walls is not a number at {strange.tolist()} m in the box"
+            raise InputError("walls", function, limit, "return a distance everywhere in the box")
         if len(slope) == 0:
             continue
         if slope.max() > LARGEST_SLOPE or slope.max() < SMALLEST_SLOPE:
@@ -76,13 +80,14 @@ def wall_functions(functions: Sequence[Callable[[Array], Array]], scene: Scene, 
     return WallFunctions(len(functions), steepest)
 
 
-def _slopes(function: Callable[[Array], Array], size: np.ndarray) -> np.ndarray:
-    """Lengths of the gradient at points of the surface in the box; none where it is not met there."""
-    random = np.random.default_rng(0).random((POINTS, len(size)))
+def _looked_at(function: Callable[[Array], Array], size: np.ndarray) -> tuple[np.ndarray | None, np.ndarray]:
+    """(D,) a point of the box at which the distance is not a number, None where it is one at all [m]; and lengths of
+    the gradient at points of the surface in the box, none where it is not met there."""
+    start = (np.random.default_rng(0).random((POINTS, len(size))) * size).astype(size.dtype)
     value = jax.vmap(jax.value_and_grad(function))
 
     @jax.jit
-    def approached(x: Array) -> tuple[Array, Array, Array]:
+    def approached(x: Array) -> tuple[Array, Array, Array, Array]:
         def step(_: int, x: Array) -> Array:
             distance, slope = value(x)
             squared = jnp.sum(slope**2, axis=1)
@@ -90,11 +95,12 @@ def _slopes(function: Callable[[Array], Array], size: np.ndarray) -> np.ndarray:
             way = jnp.where(steep, distance / jnp.where(steep, squared, 1.0), 0.0)
             return x - way[:, None] * slope
 
+        first = value(x)[0]
         x = jax.lax.fori_loop(0, STEPS, step, x)
         distance, slope = value(x)
-        return x, distance, jnp.linalg.norm(slope, axis=1)
+        return first, x, distance, jnp.linalg.norm(slope, axis=1)
 
-    x, distance, slope = map(np.asarray, approached(jnp.asarray((random * size).astype(size.dtype))))
+    first, x, distance, slope = map(np.asarray, approached(jnp.asarray(start)))
+    strange = np.flatnonzero(np.isnan(first))
     there = (np.abs(distance) <= ON_SURFACE * size.max()) & (x >= 0.0).all(axis=1) & (x <= size).all(axis=1)
-    found: np.ndarray = slope[there & np.isfinite(slope)]
-    return found
+    return start[strange[0]] if len(strange) else None, slope[there & np.isfinite(slope)]

@@ -477,6 +477,15 @@ def test_failed_write_keeps_the_old_file(tmp_path):
         save_closure(tmp_path / "nowhere" / "closure.h5", CLOSURES["paper"](), {})
 
 
+def test_what_could_not_be_read_back_is_not_written(tmp_path):
+    """A correlation, and weights that are not numbers: as `load_closure` would refuse them."""
+    path, broken = tmp_path / "closure.h5", jax.tree.map(lambda x: x * jnp.nan, CLOSURES["paper"]())
+    for closure, words in ((KochHill(), "is no learned closure"), (broken, "not finite numbers")):
+        with pytest.raises(InputError, match=words):
+            save_closure(path, closure, {})
+    assert not path.exists()
+
+
 @pytest.mark.parametrize(
     ("kind", "key", "words"),
     [
