@@ -1,8 +1,11 @@
 """`jaxdem new`: what it writes is the scene of its name, with every key explained, and passes `jaxdem check`."""
 
+import errno
+import io
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
@@ -37,6 +40,23 @@ def test_what_is_refused(tmp_path):
     assert refused.exit_code == 2 and "exists already" in refused.stderr and out.read_text() == "mine"
     wrong = new("hoper")
     assert wrong.exit_code == 2 and "Did you mean hopper?" in wrong.stderr
+
+
+def test_a_full_disk_leaves_no_half_of_a_scene(tmp_path, monkeypatch):
+    """The next try would be told that the file exists."""
+    out = tmp_path / "scene.toml"
+
+    class Full(io.StringIO):
+        def write(self, text):
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    def opened(path, *_, **__):
+        path.touch()
+        return Full()
+
+    monkeypatch.setattr(Path, "open", opened)
+    failed = new("bed", "--out", out)
+    assert failed.exit_code == 1 and f"{out}: No space left" in failed.stderr and not out.exists()
 
 
 def test_jax_is_not_imported():

@@ -27,8 +27,9 @@ def import_scene(
 ) -> None:
     """Make a scene of a script of LIGGGHTS or LAMMPS or a CFDEM case, and say line by line what became of it."""
     prepare_file(out, deck)
-    from jaxdem.foreign import import_deck
+    from jaxdem.foreign import import_deck, refuse_other_file
 
+    refuse_other_file("--out", out)
     made = import_deck(deck, out)
     made.write(out)
     terminal.show_import(made.notes)
@@ -49,4 +50,8 @@ def new(
             file.write(text)
     except FileExistsError:
         raise InputError("--out", str(place), "exists already", "Name another file.") from None
+    except OSError as error:  # no half of a scene is left in the way of the next try
+        place.unlink(missing_ok=True)
+        error.filename = str(place)
+        raise
     terminal.line(f"Wrote {place}. Next: jaxdem check {place}")

@@ -10,6 +10,8 @@ from typing import Any, NamedTuple
 import tomli_w
 
 from jaxdem.errors import InputError, visible
+from jaxdem.files.durable import write_bytes
+from jaxdem.files.reading import open_regular
 from jaxdem.foreign.box import box_of
 from jaxdem.foreign.case import FluidCase, coupling_file, read_case, script_of
 from jaxdem.foreign.commands import apply_all
@@ -21,6 +23,9 @@ from jaxdem.foreign.script import commands
 from jaxdem.foreign.stages import Part, joined, part_of, staged
 from jaxdem.foreign.steps import check_steps
 from jaxdem.scene import Scene, load_scene
+
+MADE = "# Made by `jaxdem import"
+"""How a scene begins that is made here."""
 
 
 class Imported(NamedTuple):
@@ -41,10 +46,26 @@ class Imported(NamedTuple):
         return sum(note.kind == kind for note in self.notes)
 
     def write(self, out: Path) -> None:
-        """Write the scene to `out`, and its files beside it."""
+        """Write the scene to `out`, and its files beside it; each whole or as it was."""
         for name, text in self.files.items():
-            (out.parent / name).write_text(text, encoding="utf-8")
-        out.write_text(self.toml, encoding="utf-8")
+            write_bytes(out.parent / name, text.encode())
+        write_bytes(out, self.toml.encode())
+
+
+def refuse_other_file(option: str, out: Path) -> None:
+    """Refuses to replace a file that is no scene made here: it may be of the deck.
+
+    Raises:
+        InputError: it is another one.
+    """
+    try:
+        with open_regular(out) as file:
+            begins = file.read(len(MADE.encode()))
+    except OSError:  # nothing is there, or nothing that can be read: writing will tell
+        return
+    if begins != MADE.encode():
+        limit = "exists, and was not made by `jaxdem import`"
+        raise InputError(option, str(out), limit, "name a new file, or delete this one")
 
 
 def import_deck(deck: Path, out: Path) -> Imported:
@@ -172,7 +193,7 @@ def _with_places(value: Any, written: Written, aside: Path, folder: Path, key: s
 
 def _with_notes(deck: Path, tables: dict[str, Any], notes: Notes) -> str:
     """The scene as TOML, with the notes before it as comments."""
-    lines = [f"# Made by `jaxdem import {deck.name}`. What became of each line:"]
+    lines = [f"{MADE} {deck.name}`. What became of each line:"]
     for kind in (LEFT, DIFFERS, TAKEN, NOTHING):
         some = [note for note in notes if note.kind == kind]
         if some:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from jaxdem.errors import InputError
+from jaxdem.files.reading import read_text
 from jaxdem.foreign.foam import Sheet, read_foam
 from jaxdem.foreign.mesh import Mesh, PatchFace
 from jaxdem.foreign.model import SIDES
@@ -184,7 +185,7 @@ def _rows_of_file(fields: Fields, name: str) -> list[Any]:
     root = fields.velocity.path.parents[1]
     place = Path(name.replace("$FOAM_CASE", str(root)).replace("<case>", str(root)).replace("<constant>", "constant"))
     try:
-        text = (place if place.is_absolute() else root / place).read_text(encoding="utf-8")
+        text = read_text(place if place.is_absolute() else root / place)
     except (OSError, ValueError):
         raise Unknown(f"its file {place.name} cannot be read") from None
     aside = f"rows {text.strip().rstrip(';')};"

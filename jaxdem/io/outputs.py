@@ -37,10 +37,10 @@ def refuse_what_is_read(option: str, out: Path, inputs: Iterable[str | Path | No
         InputError: `out` is one of them, is another name of one of them, or is a file of a run.
     """
     place = Path(os.path.realpath(out))
-    of_probe = place.parent.name == PROBES_FOLDER and (place.parent.parent / SCENE).is_file()
+    of_probe = place.parent.name == PROBES_FOLDER and _is_run(place.parent.parent)
     own = place.name in OWN_FILES or PIECE.fullmatch(place.name) is not None
     hidden = {PARTS_FOLDER, PARTS} & set(place.parts)
-    own = own and (place.parent / SCENE).is_file()
+    own = own and _is_run(place.parent)
     if hidden or of_probe or own or (place.name == CHAIN and place.is_file()):
         raise InputError(option, str(out), "is a file of a run, and would be lost", "Name another file.")
     for one in inputs:
@@ -52,11 +52,18 @@ def refuse_run_folder(option: str, out: Path) -> None:
     """Refuse a folder for results of several runs that is a run's own.
 
     Raises:
-        InputError: it holds a scene as run, as a run directory does from its first second.
+        InputError: it is a run directory.
     """
-    if os.path.isfile(out / SCENE):  # False too for a name that is too long, which is refused later
+    if _is_run(out):
         remedy = f"Name another folder, for example {out / 'results'}."
         raise InputError(option, str(out), "is a run directory, which holds one run and nothing else", remedy)
+
+
+def _is_run(folder: Path) -> bool:
+    """Whether it holds a scene as run, as a run directory does from its first second; a scene of that name by itself is
+    none. False too for a name that is too long, which is refused later."""
+    begun = any(os.path.isfile(folder / name) for name in (HISTORY, LOCK))
+    return begun and os.path.isfile(folder / SCENE)
 
 
 def _files(place: Path) -> Iterator[Path]:

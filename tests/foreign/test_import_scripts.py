@@ -143,6 +143,11 @@ def test_the_command(tmp_path):
     assert load_scene(out).particles.file.name == str(tmp_path / "grains.data")
     for argument in (tmp_path / "none", deck(tmp_path, "\x00\xff", "garbage")):
         assert CliRunner().invoke(app, ["import", str(argument), "--out", str(out)]).exit_code == 2
+    again = ["import", str(tmp_path / "in.deck"), "--out"]
+    assert CliRunner().invoke(app, [*again, str(out)]).exit_code == 0 and out.read_text() == text
+    lost = CliRunner().invoke(app, [*again, str(tmp_path / "grains.data")])  # what the deck reads
+    assert lost.exit_code == 2 and "was not made by `jaxdem import`" in " ".join(lost.stderr.split())
+    assert (tmp_path / "grains.data").read_text() == decks.GRAINS
 
 
 def test_formulas():

@@ -142,6 +142,8 @@ def test_files_of_two_runs_in_one_folder_are_refused(tmp_path):
 
 def test_a_file_of_one_process_is_not_written_to(tmp_path):
     (tmp_path / SCENE).write_text("")
+    refuse_what_is_read("--out", tmp_path / SCENE, [])  # a scene of that name
+    (tmp_path / "history.csv").write_text("")
     for name in ("particles.2-of-4.vtkhdf", "start.h5", "walls.vtkhdf", "stages.toml"):
         (tmp_path / name).write_bytes(b"")
         with pytest.raises(InputError, match="is a file of a run"):
