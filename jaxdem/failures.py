@@ -42,7 +42,7 @@ MEANING = {
         "or damping, or make the box longer",
     ),
     Failure.PISTON_MEETS: (
-        "a wall that a force holds and that the fluid sees meets another wall, and walls do not push each other",
+        "a wall that a force holds meets another wall, and walls do not push each other",
         "end the run before, place the walls further apart, put grains between them, change its force or damping, or "
         "change begin of a gate",
     ),
@@ -106,6 +106,8 @@ def failures(simulation: Structure, diagnostics: Diagnostics) -> Array:
         found.append((Failure.TOO_FAST, particles.fastest > limit))
         if particles.buried is not None:
             found.append((Failure.WALL_COMES, particles.buried > 0))
+        if particles.met is not None:
+            found.append((Failure.PISTON_MEETS, particles.met.any()))
     if fluid is not None and simulation.fluid is not None:
         found.append((Failure.FLUID_NOT_FINITE, ~fluid.finite))
         # The limits are written so that NaN does not pass them.

@@ -253,6 +253,7 @@ def particle_report(
     overflow = neighbors.overflow
     if within is not None and within.crowded is not None:
         overflow = overflow | within.crowded
+    travel = required(simulation.contact, "particles").model.travel
     return ParticleDiagnostics(
         means.collision_force,
         neighbors.builds,
@@ -264,4 +265,5 @@ def particle_report(
         None if within is None else total(blocks, jnp.sum(jnp.any(within.found, axis=0).astype(jnp.int32))),
         means.walls,
         total(blocks, means.energy),
+        None if travel is None else travel.met(required(particles.pistons, "pistons of the particles")),
     )

@@ -116,6 +116,7 @@ class ParticleDiagnostics(NamedTuple):
         buried: () int32, particles within a wall that came in this interval; None where all walls always are there.
         walls: mean force and torque on every wall, sides of the box first; None where nothing asks for it.
         energy: what was given and taken; None where no balance of energy is kept.
+        met: (K,) bool, which ends of `PistonTravel` are reached; None without.
     """
 
     collision_force: Array
@@ -128,6 +129,7 @@ class ParticleDiagnostics(NamedTuple):
     buried: Array | None = None
     walls: WallLoads | None = None
     energy: EnergyFlow | None = None
+    met: Array | None = None
 
 
 class Places(NamedTuple):

@@ -20,6 +20,7 @@ from jaxdem.particles.contact import ContactLaw, ContactMaterial
 from jaxdem.particles.lubrication import Lubrication
 from jaxdem.particles.moving_walls import Piston, SurfaceMotion
 from jaxdem.particles.pairs import Pairs
+from jaxdem.particles.piston_travel import PistonTravel
 from jaxdem.particles.rolling import RollingFriction
 from jaxdem.particles.surfaces import Surface
 from jaxdem.particles.wall_times import WallTimes
@@ -111,6 +112,7 @@ class ContactModel:
         cohesion: what pulls bodies together, or None: then no such term is compiled.
         motions: how each surface, and then each mesh, moves, None for one at rest; empty where all are at rest.
         pistons: walls that a force holds; their loads are measured.
+        travel: where pistons meet walls; None where that is not looked at.
         meshes: walls that are meshes; none: then no such term is compiled.
         lists: number of meshes of the scene, those included that are not there now.
         bonds: where bonded grains are, or None: then no such term is compiled.
@@ -130,6 +132,7 @@ class ContactModel:
     cohesion: Cohesion | None = None
     motions: tuple[SurfaceMotion | None, ...] = ()
     pistons: tuple[Piston, ...] = ()
+    travel: PistonTravel | None = None
     meshes: tuple[MeshWall, ...] = ()
     lists: int = 0
     bonds: Bonding | None = None

@@ -45,13 +45,13 @@ def diagnosis(
         code: flags of the interval, see `jaxdem.failures`.
         before: state at its start.
         reached: state at its end.
-        told: its figures, for a piston that has no fluid beside it or meets a wall.
+        told: its figures, for a piston.
     """
     flag = first_flag(code)
     reason, remedy = MEANING[flag]
     particles = reached.particles
     if flag in (Failure.PISTON_GONE, Failure.PISTON_MEETS):
-        return reason, _pistons(simulation, flag, before, told), remedy
+        return reason, _ends_of_ways(simulation, before, told) or _pistons(simulation, flag, before, told), remedy
     if before.particles is None or particles is None or flag not in OF_ONE_PARTICLE:
         return reason, _cell(simulation, flag, reached), remedy
     if flag == Failure.WALL_COMES:
@@ -72,6 +72,25 @@ def diagnosis(
             if not speed > (simulation.steps.speed_limit or math.inf):
                 remedy = REMEDY_OF_A_PRESS
     return reason, where, remedy
+
+
+def _ends_of_ways(simulation: Simulation, before: State, told: Diagnostics | None) -> str:
+    """Which of the walls that a force holds and that the fluid does not see meets which wall, and where it is."""
+    met = None if told is None or told.particles is None else told.particles.met
+    contact, particles = simulation.contact, before.particles
+    if met is None or contact is None or contact.model.travel is None or particles is None:
+        return ""
+    ways = np.asarray(required(particles.pistons, "pistons").displacement)
+    found: dict[int, list[str]] = {}
+    travel = contact.model.travel
+    for (wall, other), at_end in zip(travel.names, np.asarray(met), strict=True):
+        if at_end:
+            found.setdefault(wall, []).append(other)
+    return ", ".join(
+        f"walls.{wall} (meets {' and '.join(others)}), {ways[travel.pistons.index(wall)]:.4g} m from where the scene "
+        f"has it"
+        for wall, others in found.items()
+    )
 
 
 def _pistons(simulation: Simulation, flag: Failure, before: State, told: Diagnostics | None) -> str:

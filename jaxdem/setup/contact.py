@@ -32,6 +32,7 @@ from jaxdem.setup.coincident_walls import check_coincident
 from jaxdem.setup.energy import check_energy
 from jaxdem.setup.extensions import Extensions
 from jaxdem.setup.particles import ParticleSetup
+from jaxdem.setup.piston_travel import piston_travel
 from jaxdem.setup.size_levels import list_skin, size_levels
 from jaxdem.setup.wall_motion import surface_motions
 from jaxdem.setup.wall_times import wall_times
@@ -97,6 +98,7 @@ def contact_interval(
         cohesion=cohesion,
         motions=motions,
         pistons=pistons,
+        travel=piston_travel(scene, sides, particles.meshes),
         meshes=tuple(
             MeshWall(number, mesh.usual, wear_law(mesh.wall), len(mesh.mesh.cells))
             for number, mesh in enumerate(particles.meshes)

@@ -46,7 +46,7 @@ def contact_stability_limit(
     walls: int,
     thin: int = 0,
     bonds: Callable[[float], float] | None = None,
-    valley: Valley | None = None,
+    valleys: Sequence[Valley] = (),
 ) -> float:
     """Largest stable contact step, 2/omega_max with what dashpots take from it [s].
 
@@ -80,7 +80,8 @@ def contact_stability_limit(
         thin: number of these axes along which a particle may touch both walls.
         bonds: largest eigenvalue that bonds have by themselves over the mass, by the step: it adds to that of the
             contacts at most.
-        valley: faces of a mesh that a particle may touch in the place of one wall.
+        valleys: walls that are not at right angles, or faces of a mesh, that a particle may touch in the place of one
+            wall.
 
     Source: derived here, as element bounds are for finite elements (B. M. Irons, Int. J. Numer. Methods Eng. 2
     (1970) 5-12).
@@ -89,8 +90,10 @@ def contact_stability_limit(
     limit = math.inf
     for touching in range(min(walls - thin, free) + 1):
         at_walls = [_at_walls(wall, touching, thin)]
-        if valley is not None and touching:
-            at_walls.append(_in_valley(at_walls[0], valley))
+        for valley in valleys:
+            # What spans several dimensions leaves fewer for further walls.
+            if touching == 1 or 1 < touching <= free + 1 - valley.rank:
+                at_walls.append(_in_valley(at_walls[0], valley))
         for kinds in _neighbourhoods(mass, pairs, ROOM[free][touching], free):
             limit = min(limit, *(_limit_of(mass, (*kinds, held), bonds) for held in at_walls))
     return limit

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 
@@ -13,10 +14,12 @@ from jaxdem.setup.bond_stability import bond_growth
 from jaxdem.setup.cohesion import largest_bridge_damping
 from jaxdem.setup.contact_bodies import ContactBody, ContactConstants, crowding, effective, pair_constants
 from jaxdem.setup.contact_limit import ROOM, Neighbours, contact_stability_limit
+from jaxdem.setup.curved_valleys import curved_valleys
 from jaxdem.setup.lubrication import largest_resistance, largest_shear
 from jaxdem.setup.particles import ParticleSetup
 from jaxdem.setup.wall_functions import NO_FUNCTIONS, WallFunctions
-from jaxdem.solids.valleys import Valley
+from jaxdem.setup.wall_valleys import plane_valleys
+from jaxdem.solids.valleys import Valley, worst_of
 
 
 def contact_stability(
@@ -86,8 +89,19 @@ def contact_stability(
 
     thin = _thin_axes(scene, large)
     walls = _walls_at_once(scene, own_walls)
-    bonds, valley = bond_growth(particles), _valley(particles)
-    limits = []
+    bonds, limits = bond_growth(particles), []
+    if contact.law == "linear_spring_dashpot" and overlap is None:
+        plain = stability.linear_overlap(heavy, contact.normal_stiffness or 0.0, speed)
+        deepest = min(plain, contact.maximum_overlap * 2.0 * large)
+    else:
+        deepest = max(depth(body, None, pair_constants(particles, body.material, None).modulus) for body in grains)
+
+    @functools.cache
+    def valleys(radius: float) -> tuple[Valley, ...]:
+        """Walls that a particle of this radius touches at once and that are not at right angles."""
+        found = plane_valleys(scene, particles.meshes, radius, deepest)
+        return worst_of((*_of_meshes(particles), *found, *curved_valleys(scene, own_walls, radius, deepest)))
+
     for body in grains:
         found = []
         for other in grains:
@@ -96,7 +110,9 @@ def contact_stability(
                 found.append(Neighbours(touching(body, other), crowd * (1.0 + q), count, other.group))
         mass = body.mass / crowding(particles)  # of a clump with so many times the contacts of a sphere
         wall = touching(body, None)
-        limits.append(contact_stability_limit(mass, scene.dimension, found, wall, walls, thin, bonds, valley))
+        limits.append(
+            contact_stability_limit(mass, scene.dimension, found, wall, walls, thin, bonds, valleys(body.radius))
+        )
     return min(limits) / own_walls.slope
 
 
@@ -113,10 +129,10 @@ def _walls_at_once(scene: Scene, own_walls: WallFunctions) -> int:
     return min(scene.dimension, scene.periodic.count(False) + surfaces)
 
 
-def _valley(particles: ParticleSetup) -> Valley | None:
-    """The most faces of a mesh that a particle touches at once; None where they are at right angles."""
+def _of_meshes(particles: ParticleSetup) -> list[Valley]:
+    """The most faces of a mesh that a particle touches at once; none where they are at right angles."""
     found = [mesh.valley for mesh in particles.meshes if mesh.valley is not None]
-    return Valley(*map(max, zip(*found, strict=True))) if found else None
+    return [Valley(*map(max, zip(*found, strict=True)))] if found else []
 
 
 def _pooled(grains: Sequence[ContactBody]) -> list[ContactBody]:

@@ -25,7 +25,7 @@ from jaxdem.solids.features import Features, features_of
 from jaxdem.solids.inside import inside
 from jaxdem.solids.owners import owners
 from jaxdem.solids.surface_mesh import SurfaceMesh
-from jaxdem.solids.valleys import Valley, valley_of
+from jaxdem.solids.valleys import Piece, Valley, pieces_of, valley_of
 
 SAMPLES = 4096
 """Points of a mesh at which the room for its list is estimated."""
@@ -81,6 +81,16 @@ class WallMesh:
     def valley(self) -> Valley | None:
         """The most faces that a grain touches at once; None where they are at right angles."""
         return valley_of(self._whole, self.features.faces.normal, self.features.faces.patch)
+
+    @cached_property
+    def pieces(self) -> tuple[Piece, ...]:
+        """Its faces, and the edges and corners at which several meet."""
+        return pieces_of(self._whole, self.features.faces.normal, self.features.faces.patch)
+
+    @cached_property
+    def hull(self) -> np.ndarray:
+        """(H, D) points that enclose it and its images across periodic sides [m]."""
+        return hull_of(self._whole)
 
     @cached_property
     def surface(self) -> MeshSurface:

@@ -101,6 +101,7 @@ def _without_fluid(particles: ParticleSetup, simulation: Simulation) -> Simulati
         wall_times=times,
         motions=motions if any(motions) else (),
         pistons=(),
+        travel=None,
     )
     contact = dataclasses.replace(contact, model=model)
     without = dict.fromkeys(("fluid", "coupling", "population", "scalars", "walls_in_fluid"))

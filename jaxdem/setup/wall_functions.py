@@ -34,10 +34,12 @@ class WallFunctions(NamedTuple):
         number: of them; a grain may touch each.
         slope: the largest at a surface to three digits, at least 1: the overlap grows by so much more than a grain
             moves [-].
+        distances: points (P, D) [m] -> their distances (P, n) [m] and slopes (P, n, D); None without.
     """
 
     number: int = 0
     slope: float = 1.0
+    distances: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]] | None = None
 
 
 NO_FUNCTIONS = WallFunctions()
@@ -77,7 +79,27 @@ def wall_functions(functions: Sequence[Callable[[Array], Array]], scene: Scene, 
             )
             raise InputError("walls", function, limit, "divide the function by the length of its gradient")
         steepest = max(steepest, round(float(slope.max()), 3))
-    return WallFunctions(len(functions), steepest)
+    return WallFunctions(len(functions), steepest, _distances(functions, dtype)) if functions else NO_FUNCTIONS
+
+
+def _distances(
+    functions: Sequence[Callable[[Array], Array]], dtype: np.dtype
+) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
+    """All functions at points, as one program; what is not a number has no slope and is far away."""
+    each = [jax.vmap(jax.value_and_grad(function)) for function in functions]
+
+    @jax.jit
+    def compiled(x: Array) -> tuple[Array, Array]:
+        values, slopes = zip(*(one(x) for one in each), strict=True)
+        value, slope = jnp.stack(values, axis=1), jnp.stack(slopes, axis=1)
+        known = jnp.isfinite(value) & jnp.isfinite(slope).all(axis=2)
+        return jnp.where(known, value, jnp.inf), jnp.where(known[..., None], slope, 0.0)
+
+    def distances(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        value, slope = compiled(jnp.asarray(x.astype(dtype)))
+        return np.asarray(value, float), np.asarray(slope, float)
+
+    return distances
 
 
 def _looked_at(function: Callable[[Array], Array], size: np.ndarray) -> tuple[np.ndarray | None, np.ndarray]:

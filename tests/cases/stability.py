@@ -183,6 +183,37 @@ def arrangements() -> dict[str, dict[str, Any]]:
     }
 
 
+def oblique_walls() -> dict[str, dict[str, Any]]:
+    """The same of a grain that touches walls which are not at right angles."""
+    r, d = RADIUS, 2.0 * RADIUS
+    near, low = r - DEPTH * d, [2.5 * d, d]
+
+    def between(angle: float) -> dict[str, Any]:
+        half = math.radians(0.5 * angle)
+        wedge = {"kind": "wedge", "apex": low, "directions": [[s * math.sin(half), math.cos(half)] for s in (-1, 1)]}
+        return {"size": [5 * d] * 2, "position": [[low[0], low[1] + near / math.sin(half)]], "walls": [wedge]}
+
+    slope = math.radians(15.0)
+    ways = [(1, 0), (-1, 0), (0, 1), (0, -1)]
+    planes = [
+        {"kind": "plane", "point": [low[0], *low], "normal": [*(math.sin(slope) * x for x in way), math.cos(slope)]}
+        for way in ways
+    ]
+    ramp = {"kind": "plane", "point": [0.0, d], "normal": [-math.sin(slope), math.cos(slope)]}
+    mesh = {"kind": "mesh", "points": [[-d, d - d * math.tan(slope)], [5 * d, d + 5 * d * math.tan(slope)]]}
+    height = d + (near + near * math.sin(slope)) / math.cos(slope)
+    at_side = {"size": [5 * d] * 2, "position": [[near, height]]}
+    return {
+        "in a wedge of 150 degrees": between(150.0),
+        "in a wedge of 40 degrees": between(40.0),
+        "in a pit of four planes, 3-D": {
+            "size": [5 * d] * 3, "walls": planes, "position": [[low[0], low[0], d + near / math.cos(slope)]],
+        },
+        "on a ramp, at a side": at_side | {"walls": [ramp]},
+        "on a mesh, at a side": at_side | {"walls": [mesh]},
+    }  # fmt: skip
+
+
 ROD = {"name": "rod", "centres": [[-1.0, 0.0], [0.0, 0.0], [1.0, 0.0]], "radii": [1.0, 1.0, 1.0]}
 """Three discs in a row, each of `RADIUS`."""
 
@@ -234,6 +265,7 @@ def pressed_scene(arrangement: dict[str, Any], restitution: float, friction: flo
     """A scene of an arrangement whose expected impact overlaps by `DEPTH` (of the smallest particle's diameter)."""
     given = dict(arrangement)
     size, boundary, materials = given.pop("size"), given.pop("boundary", {}), given.pop("materials", [])
+    walls = given.pop("walls", [])
     smallest = RADIUS if "shape" in given else float(np.min(given.get("radius", RADIUS)))
     contact = {"young_modulus": 7e7, "poisson_ratio": 0.3, "maximum_overlap": 0.5, "skin": 0.05} | contact
     modulus = 0.5 * contact["young_modulus"] / (1.0 - contact["poisson_ratio"] ** 2)
@@ -250,6 +282,7 @@ def pressed_scene(arrangement: dict[str, Any], restitution: float, friction: flo
             "contact": {"restitution": restitution, "friction": friction, "speed": speed} | contact,
             "boundary": boundary,
             "materials": materials,
+            "walls": walls,
             "time": {"end": 1.0, "output_interval": 1.0},
         }
     )
@@ -292,7 +325,9 @@ _simulations: dict[str, Simulation] = {}
 
 def contact_limit(name: str, material: str, **contact: Any) -> Limit:
     """The row of an arrangement and a material."""
-    scene = pressed_scene((arrangements() | rods() | hard_ones())[name], *MATERIALS[material], **contact)
+    scene = pressed_scene(
+        (arrangements() | oblique_walls() | rods() | hard_ones())[name], *MATERIALS[material], **contact
+    )
     simulation, parameters = jaxdem.build(scene)
     state, neighbors = jaxdem.initial_state(scene, simulation, parameters)
     key = f"{name} {contact.get('law')} {contact.get('cohesion', {}).get('kind')}"
@@ -631,7 +666,7 @@ def limits() -> dict[str, Callable[[], Limit]]:
         key = f"contact: {name}, {material}{label}"
         table[key] = functools.partial(contact_limit, name, material, **settings)
 
-    for name in arrangements():
+    for name in [*arrangements(), *oblique_walls()]:
         for material in MATERIALS:
             contact(name, material)
     for name in [*rods(), *hard_ones()]:
