@@ -55,7 +55,8 @@ def in_space(base: dict[str, Any]) -> dict[str, Any]:
 
 
 def balance_of(tables: dict[str, Any], **extensions: Any) -> dict[str, Any]:
-    """The balance of a scene, see `jaxdem.run.parts.energy.balance`, with the energies at the start and end."""
+    """The balance of a scene, see `jaxdem.run.parts.energy.balance`, with the energies at the start and end, and the
+    states after every interval."""
     scene = jaxdem.load_scene(tables)
     simulation, parameters = jaxdem.build(scene, **extensions)
     state, neighbors = jaxdem.initial_state(scene, simulation, parameters)
@@ -69,13 +70,14 @@ def balance_of(tables: dict[str, Any], **extensions: Any) -> dict[str, Any]:
         state, neighbors, report = simulation.step(parameters, state, neighbors)
         return state, neighbors, report.particles.energy
 
-    start, total = stored(state, neighbors), None
+    start, total, states = stored(state, neighbors), None, []
     for _ in range(steps):
         state, neighbors, flow = advance(state, neighbors)
+        states.append(state)
         flow = {name: float(value) for name, value in flow._asdict().items()}
         total = flow if total is None else {name: total[name] + value for name, value in flow.items()}
     first, last = ({k: float(v) for k, v in x._asdict().items()} for x in (start, stored(state, neighbors)))
-    return balance(first, last, total) | {"start": first, "end": last, "state": state}
+    return balance(first, last, total) | {"start": first, "end": last, "state": state, "states": states}
 
 
 def tilted(**keys: Any) -> dict[str, Any]:

@@ -147,6 +147,36 @@ def test_the_energy_of_a_grain_that_is_pressed_into_a_shallow_valley(kind):
     assert abs(found["dissipated"]["adhesion"]) > 1e-5 * turned_over
 
 
+PULLS = {"jkr": 1.5 * np.pi * 0.05 * RADIUS, "capillary": 4.0 * np.pi * 0.02 * RADIUS}
+"""Pull-off forces of a sphere and a plane: 3/2 pi w R and 4 pi gamma R [N]."""
+
+
+@pytest.mark.parametrize("kind", tiered(PULLS, first=["jkr"]))
+def test_a_plate_that_a_force_lifts_off_grains(kind):
+    """A piston that is a mesh, on two grains that stick to it and to the floor: 0.97 of the weight of the plate and two
+    pull-off forces holds it, 1.05 parts it from them, and the balance of energy closes."""
+    mass, gravity, low = 4e-5, 9.81, (1.0 - 2e-3) * RADIUS
+    table = KINDS[kind]["cohesion"] | ({"surface_tension": 0.02} if kind == "capillary" else {})
+    plate = {"kind": "mesh", "points": [[-0.001, 2.0 * low], [0.021, 2.0 * low]]}
+    force = [share * (mass * gravity + 2.0 * PULLS[kind]) for share in (0.0, 0.97, 0.97, 1.05)]
+    held = {"direction": [0.0, 1.0], "mass": mass, "damping": 0.05, "force": force,
+            "force_times": [0.0, 0.006, 0.012, 0.0125]}  # fmt: skip
+    tables = with_tables(
+        IN_PLANE, domain={"size": [0.02, 0.02], "gravity": [0.0, -gravity]}, walls=[plate | {"piston": held}],
+        particles={"position": [[0.006, low], [0.014, low]], "velocity": [[0.0, 0.0]] * 2,
+                   "angular_velocity": [[0.0]] * 2},
+        contact={"cohesion": table, "time_step": 5e-6, "speed": 0.1}, coupling={"interval": 3e-3},
+        time={"end": 0.024, "output_interval": 0.024},
+    )  # fmt: skip
+    found = balance_of(tables)
+    way = np.array([float(state.particles.pistons.displacement[0]) for state in found["states"]]) / RADIUS
+    speed = np.array([float(state.particles.pistons.velocity[0]) for state in found["states"]])
+    assert abs(way[3]) < 4e-3 and abs(speed[3]) < 1e-4 and way[-1] > 3.0 * way[3] and speed[-1] > 1e-3
+    turned_over = found["gained"] / found["gained_relative"]
+    assert abs(found["gained_relative"]) < 5e-6 and abs(found["missing"]) < 1e-11 * turned_over
+    assert found["end"]["surface"] != 0.0 and float(found["state"].particles.position[0, 1]) < RADIUS
+
+
 def test_van_der_waals_round_a_cube(tmp_path):
     """A R/(6 h^2) towards the nearest point of a face, an edge or a corner, at gaps h up to the cutoff."""
     size, hamaker, cutoff, step = 0.02, 1e-9, 5e-3, 1e-7
