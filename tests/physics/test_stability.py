@@ -126,9 +126,6 @@ def test_faces_of_a_mesh_that_face_one_way_count_together(bend):
 def alone(*walls, functions=(), **more):
     """2/omega_max of a smooth grain by itself among walls, in a box."""
     dimension = len(more.pop("size", [1.0, 1.0]))
-    names = (
-        ("left", "right", "front", "back", "bottom", "top") if dimension == 3 else ("left", "right", "bottom", "top")
-    )
     scene = jaxdem.load_scene(
         {
             "domain": {"size": [1.0] * dimension},
