@@ -224,6 +224,12 @@ def test_check_looks_at_every_stage(tmp_path):
         (1, {"time": {"output_interval": 0.01}}, r"stages\.1\.time\.end: is missing"),
         (1, {"start": {"from": "x"}}, r"stages\.1\.start\.from.*stage begins from the end of the one before"),
         (2, {"particles": {"radius": 0.006}}, r"stages\.2\.particles\.radius.*start\.add"),
+        (1, {"particles": False}, r"stages\.1\.particles = False: cannot be left out.*remove = "),
+        (1, {"fluid": False}, r"stages\.1\.fluid = False: .*there is no such table here"),
+        (1, {"walls": False}, r"stages\.1\.walls = False: .*write walls = \[\]"),
+        (1, {"precision": "float64"}, r"stages\.1\.precision = 'float64': fill has float32"),
+        (1, {"name": "Fill"}, r"stages\.1\.name.*another stage"),
+        (1, {"name": "stages.toml"}, r"stages\.1\.name.*a file beside the stages"),
     ],
 )
 def test_what_is_wrong_with_a_stage_names_its_key(number, change, message):

@@ -63,11 +63,7 @@ def require_stages(stages: Sequence[Stage], out: Path, resume: bool) -> None:
         InputError: see `check_chain`, or the run of a stage is of another scene.
     """
     check_chain(out, [stage.name for stage in stages], resume)
-    first = stages[0].scene
     for k, (stage, before) in enumerate(zip(stages, [None, *stages], strict=False)):
-        if stage.scene.precision != first.precision:
-            limit = f"the first stage has {first.precision}, and the precision is the same in all runs of a process"
-            raise InputError(f"stages.{k}.precision", stage.scene.precision, limit, "give it once, for all stages")
         path = out / stage.name
         if resume and (path / SCENE).is_file():
             scene = stage.scene if before is None else begun_from(stage.scene, out / before.name)

@@ -112,7 +112,7 @@ def check_heat(
         _check_numbers(heat, has_fluid, particles is not None)
         _check_conduction(heat, several_materials)
         if particles is not None and particles.coarse_grain != 1.0:
-            limit = "has no rule for parcels"
+            limit = "means parcels, and [heat] has no rule for them"
             raise InputError("particles.coarse_grain", particles.coarse_grain, limit, "set it to 1, or remove [heat]")
     _check_scalars(scalars, has_fluid)
     names = [scalar.name for scalar in scalars]

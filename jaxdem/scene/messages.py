@@ -82,6 +82,10 @@ def _in_plain_words(message: str) -> str:
 
 def _remedy(path: Path, reasons: list[str], value: object) -> str:
     table = ".".join(part for part in path if isinstance(part, str))
+    if value is False and reasons == ["must be a list of tables"]:
+        return f"to leave them out, write {path[-1]} = []"
+    if value is False and reasons == ["must be a table"]:
+        return "remove this key: there is no such table here that could be left out"
     if reasons == ["must be a list of tables"] or (reasons == ["must be a table"] and isinstance(path[-1], int)):
         return f"write [[{table}]] above the keys of each"
     if reasons == ["must be a table"]:

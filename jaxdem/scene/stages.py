@@ -75,6 +75,10 @@ def layers_of(tables: Mapping[str, Any]) -> list[Layer]:
         if not isinstance(time, dict) or "end" not in time:
             limit = "is missing: every stage says when it ends, counted from the start of the first"
             raise InputError(f"{key}.time.end", None, limit, "add time.end")
+        if own.get("particles") is False:
+            limit = "cannot be left out: a stage goes on with the particles of the one before"
+            remedy = "remove this key; [stages.start] can take particles away: remove = [...]"
+            raise InputError(f"{key}.particles", False, limit, remedy)
         changes = {name: value for name, value in own.items() if name != "name"}
         merged = _laid_over(below, changes)
         layers.append(Layer(name, merged, changes))
@@ -120,6 +124,9 @@ def _scene(layer: Layer, before: Sequence[Stage]) -> Scene:
     begun = {**start, "from": last.name} if isinstance(start, dict) else start
     scene = scene_of_tables({**layer.tables, "start": begun}, last.scene.tables())
     scene.time.check_outputs(Fraction(repr(last.scene.time.end)))
+    if scene.precision != last.scene.precision:
+        limit = f"{last.name} has {last.scene.precision}, and the precision is the same in all runs of a process"
+        raise InputError("precision", scene.precision, limit, "give it once, for all stages")
     return scene
 
 
@@ -127,8 +134,13 @@ def _check_name(key: str, name: object, taken: Sequence[str]) -> None:
     if not isinstance(name, str) or not NAME.fullmatch(name):
         limit = "must be the name of a folder, of letters, digits and _ . + = -"
         raise InputError(key, name, limit, 'write, for example, name = "fill"')
-    if name in taken:
+    # Some file systems do not tell capital letters from small ones.
+    if name.casefold() in map(str.casefold, taken):
         raise InputError(key, name, "is the name of another stage", "give every stage a name of its own")
+    from jaxdem.io.chain import CHAIN  # with h5py, which other scenes do without
+
+    if name.casefold() == CHAIN:
+        raise InputError(key, name, "is the name of a file beside the stages", "give the stage another name")
 
 
 def _laid_over(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
