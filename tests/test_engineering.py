@@ -178,6 +178,13 @@ def test_cells_under_a_diameter_are_said():
 # --- Units ---------------------------------------------------------------------------------------------
 
 
+WARM = {
+    "fluid_heat_capacity": 4180.0, "fluid_conductivity": 0.6, "fluid_temperature": 300.0,
+    "particle_heat_capacity": 800.0, "particle_temperature": 300.0,
+}  # fmt: skip
+WET = {"kind": "capillary", "surface_tension": 72.0, "contact_angle": 0.1, "liquid_content": 0.01, "bridge_share": 0.1}
+
+
 @pytest.mark.parametrize(
     ("tables", "key", "meant"),
     [
@@ -185,7 +192,12 @@ def test_cells_under_a_diameter_are_said():
         ({"domain": {"size": [200.0, 400.0]}}, "domain.size = 400 m", "write 0.4"),
         ({"domain": {"gravity": [0.0, -9810.0]}}, "domain.gravity = 9810", "write 9.81"),
         ({"domain": {"gravity": [0.0, 9.81]}}, "domain.gravity = 9.81", "write -9.81"),
+        ({"domain": {"gravity": [-9.81, 0.0]}}, "domain.gravity = -9.81 m/s2: it is along x", "write [0.0, -9.81]"),
         ({"contact": {"friction": 30.0}}, "contact.friction = 30:", "write 0.577"),
+        ({"fluid": {"density": 1.2e-3, "viscosity": 1.5e-5}}, "fluid.density = 0.0012 ", "write 1.2"),
+        ({"heat": WARM | {"particle_heat_capacity": 0.8}}, "heat.particle_heat_capacity = 0.8 J/(kg K)", "write 800"),
+        ({"heat": WARM | {"fluid_heat_capacity": 4.18}}, "heat.fluid_heat_capacity = 4.18 J/(kg K)", "write 4180"),
+        ({"contact": {"cohesion": WET}}, "contact.cohesion.surface_tension = 72 N/m", "write 0.072"),
         ({"particles": {"density": 2.65}}, "particles.density = 2.65", "write 2650"),
         ({"particles": {"density": 2.65e6}}, "particles.density = 2.65e+06", "write 2650"),
         ({"fluid": {"density": 1.0}}, "fluid.density = 1 ", "write 1000"),

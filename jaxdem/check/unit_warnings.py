@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
+from jaxdem.numerics.axes import AXES
 from jaxdem.scene import Scene
 from jaxdem.scene.contact import Contact
 from jaxdem.scene.particles import radius_key, radius_range
@@ -31,8 +32,24 @@ THIN = 3e-6
 ANGLES = (5.0, 80.0)
 """Coefficients of friction that are more likely an angle in degrees [-]."""
 
+EARTH = 9.81
+"""Gravity [m/s2]."""
+
+THIN_GAS = 0.02
+"""Density below which no gas is at the pressure of the atmosphere; that of hydrogen is 0.084 [kg/m3]."""
+
+LEAST_CAPACITY = 60.0
+"""Heat capacity below that of all matter at room temperature; that of uranium is 116 [J/(kg K)]."""
+
+LARGEST_TENSION = 2.0
+"""Surface tension above that of all liquids; that of molten iron is 1.8 [N/m]."""
+
 FAST_FLUID, FAST_GRAIN = 100.0, 300.0
 """Speeds from which mm/s are more likely; at 100 m/s gases are compressible [m/s]."""
+
+
+PHASES = ("fluid", "particle")
+"""What has a heat capacity in `[heat]`."""
 
 
 class Fluid(NamedTuple):
@@ -62,7 +79,7 @@ def unit_warnings(scene: Scene) -> tuple[str, ...]:
     """Sentences, each with key, value and what was likely meant."""
     return (
         *_lengths(scene), *_gravity(scene), *_densities(scene), *_moduli(scene), *_friction(scene), *_viscosity(scene),
-        *_speeds(scene),
+        *_speeds(scene), *_heat(scene), *_tensions(scene),
     )  # fmt: skip
 
 
@@ -85,7 +102,7 @@ def _lengths(scene: Scene) -> Iterator[str]:
         yield _warning("domain.size", longest, "m", why, f"in mm, write {longest / 1e3:.6g}")
     gravity = math.hypot(*scene.domain.strongest_gravity)
     for unit, factor in (("mm/s2", 1e3), ("cm/s2", 100.0)):
-        if abs(gravity / (9.81 * factor) - 1.0) < 0.05:
+        if abs(gravity / (EARTH * factor) - 1.0) < 0.05:
             why = f"this is {factor:.0f} times the gravity of the earth"
             yield _warning("domain.gravity", gravity, "m/s2", why, f"in {unit}, write {gravity / factor:.6g}")
 
@@ -94,6 +111,12 @@ def _gravity(scene: Scene) -> Iterator[str]:
     upwards = scene.domain.strongest_gravity[-1]
     if upwards > 0.0:
         yield _warning("domain.gravity", upwards, "m/s2", "the last axis points up", f"downwards, write {-upwards:.6g}")
+    for axis, part in enumerate(scene.domain.strongest_gravity[:-1]):
+        alone = abs(part) == math.hypot(*scene.domain.strongest_gravity)
+        if alone and abs(part / -EARTH - 1.0) < 0.01 and not scene.periodic[axis]:
+            why = f"it is along {AXES[scene.dimension][axis]}, and the last axis points up"
+            downwards = [0.0] * (scene.dimension - 1) + [part]
+            yield _warning("domain.gravity", part, "m/s2", why, f"downwards, write {downwards}")
 
 
 def _friction(scene: Scene) -> Iterator[str]:
@@ -129,7 +152,8 @@ def _densities(scene: Scene) -> Iterator[str]:
     fluid = scene.fluid
     if fluid is None or fluid.viscosity == 0.0:
         return
-    if fluid.density * fluid.viscosity < THIN and 0.5 <= fluid.density <= 2.0:
+    unlikely = 0.5 <= fluid.density <= 2.0 or fluid.density <= THIN_GAS
+    if fluid.density * fluid.viscosity < THIN and unlikely:
         why = f"its dynamic viscosity would be {fluid.density * fluid.viscosity:.2g} Pa s, less than that of any gas"
         yield _warning("fluid.density", fluid.density, "kg/m3", why, f"in g/cm3, write {fluid.density * 1e3:.6g}")
     elif fluid.density > HEAVY:
@@ -175,6 +199,29 @@ def _viscosity(scene: Scene) -> Iterator[str]:
                 why = f"this is {fluid.viscosity / known.kinematic:,.0f} times the kinematic viscosity of {known.name}"
                 meant = f"that of {known.name} {unit}, write {known.kinematic:.2g}"
                 yield _warning("fluid.viscosity", fluid.viscosity, "m2/s", why, meant)
+
+
+def _heat(scene: Scene) -> Iterator[str]:
+    given = {} if scene.heat is None else {name: getattr(scene.heat, f"{name}_heat_capacity") for name in PHASES}
+    found = {f"heat.{name}_heat_capacity": value for name, value in given.items()}
+    if scene.surface is not None:
+        found["surface.heat_capacity"] = scene.surface.heat_capacity
+    for key, value in found.items():
+        if value is not None and value < LEAST_CAPACITY:
+            why = "this is less than that of any matter"
+            yield _warning(key, value, "J/(kg K)", why, f"in kJ/(kg K), write {value * 1e3:.6g}")
+
+
+def _tensions(scene: Scene) -> Iterator[str]:
+    cohesion = None if scene.contact is None else scene.contact.cohesion
+    found = {
+        "contact.cohesion.surface_tension": None if cohesion is None else cohesion.surface_tension,
+        "surface.tension": None if scene.surface is None else scene.surface.tension,
+    }
+    for key, value in found.items():
+        if value is not None and value > LARGEST_TENSION:
+            why = "this is more than that of any liquid"
+            yield _warning(key, value, "N/m", why, f"in mN/m, write {value / 1e3:.6g}")
 
 
 def _speeds(scene: Scene) -> Iterator[str]:
