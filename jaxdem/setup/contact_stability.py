@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from jaxdem.particles.materials import TANGENTIAL_SHARE
 from jaxdem.scene import Contact, Scene
@@ -45,56 +46,15 @@ def contact_stability(
             dF/dx is s dF/do, and an impact is as deep in o as one that is sqrt(s) times as fast, so that dF/do goes
             with s^0.2: a step that is shorter by 1/s counts for all terms.
     """
-    scene, contact = particles.scene, particles.contact
+    scene = particles.scene
     grains = [body for body in bodies if not body.is_wall]
     if particles.shapes is not None:
         grains = _pooled(grains)
-    large, heavy = max(body.radius for body in grains), max(body.mass for body in grains)
-    meetings = [(one.material, other.material) for one in grains for other in grains if one.others(other) > 0]
-    # Of all contacts or of none: among smooth and rough ones the worst neighbourhood is none of those that are tried.
-    rough = any(pair_constants(particles, *pair).rough for pair in set(meetings))
-
-    def depth(one: ContactBody, other: ContactBody | None, modulus: float) -> float:
-        """Of a contact between two of these bodies, or of one with a wall."""
-        radius = one.radius if other is None else effective(one.radius, other.radius)
-        small = one.radius if other is None else min(one.radius, other.radius)
-        mass = heavy if other is None else 0.5 * heavy
-        deepest = stability.hertz_overlap(mass, radius, modulus, speed)
-        if contact.cohesion is not None and contact.law == "hertz_mindlin":
-            volume = bridge_volume(particles, large)
-            pair = Pair(contact.cohesion, strongest(particles, other is None), radius, modulus, volume=volume)
-            deepest = pair.depth(0.5 * mass * speed**2)[1]
-            if overlap is not None:
-                return pair.law_depth(overlap)
-        return overlap or min(deepest, contact.maximum_overlap * 2.0 * small)
-
-    def touching(one: ContactBody, other: ContactBody | None) -> stability.LinearContact:
-        """Their contact, on `one`.
-
-        Bodies that press each other have no film between them, but their neighbours may; and all have bridges.
-        """
-        constants = pair_constants(particles, one.material, None if other is None else other.material)
-        if other is not None:
-            constants = constants._replace(rough=rough)
-        mass = one.mass if other is None else effective(one.mass, other.mass)
-        radius = one.radius if other is None else effective(one.radius, other.radius)
-        small = one.radius if other is None else min(one.radius, other.radius)
-        deep = depth(one, other, constants.modulus)
-        found = _linearised(contact, constants, mass, radius, deep, radius / one.radius)
-        liquid = largest_resistance(particles, radius) + largest_bridge_damping(particles, radius)
-        return found._replace(
-            normal_damping=found.normal_damping + liquid,
-            tangential_damping=found.tangential_damping + largest_shear(particles, radius, small),
-        )
-
-    thin = _thin_axes(scene, large)
+    contacts = _contacts(particles, grains, speed, overlap)
+    thin = _thin_axes(scene, contacts.large)
     walls = _walls_at_once(scene, own_walls)
     bonds, limits = bond_growth(particles), []
-    if contact.law == "linear_spring_dashpot" and overlap is None:
-        plain = stability.linear_overlap(heavy, contact.normal_stiffness or 0.0, speed)
-        deepest = min(plain, contact.maximum_overlap * 2.0 * large)
-    else:
-        deepest = max(depth(body, None, pair_constants(particles, body.material, None).modulus) for body in grains)
+    deepest = contacts.into_walls(grains)
 
     @functools.cache
     def valleys(radius: float) -> tuple[Valley, ...]:
@@ -107,13 +67,86 @@ def contact_stability(
         for other in grains:
             if body.others(other) > 0:
                 q, crowd, count = _room(body, other, scene.dimension)
-                found.append(Neighbours(touching(body, other), crowd * (1.0 + q), count, other.group))
+                found.append(Neighbours(contacts.between(body, other), crowd * (1.0 + q), count, other.group))
         mass = body.mass / crowding(particles)  # of a clump with so many times the contacts of a sphere
-        wall = touching(body, None)
+        wall = contacts.between(body, None)
         limits.append(
             contact_stability_limit(mass, scene.dimension, found, wall, walls, thin, bonds, valleys(body.radius))
         )
     return min(limits) / own_walls.slope
+
+
+class _Contacts(NamedTuple):
+    """What all contacts of a scene are linearised about, see `contact_stability`.
+
+    Attributes:
+        particles: of the scene.
+        speed: largest to expect [m/s].
+        overlap: of all contacts in place of the expected one; None for that [m].
+        large: radius of the largest particle [m].
+        heavy: mass of the heaviest particle [kg].
+        rough: whether contacts between particles have friction. Of all or of none: among smooth and rough ones the
+            worst neighbourhood is none of those that are tried.
+    """
+
+    particles: ParticleSetup
+    speed: float
+    overlap: float | None
+    large: float
+    heavy: float
+    rough: bool
+
+    def between(self, one: ContactBody, other: ContactBody | None) -> stability.LinearContact:
+        """The contact of two bodies, or of one with a wall, on `one`.
+
+        Bodies that press each other have no film between them, but their neighbours may; and all have bridges.
+        """
+        particles, contact = self.particles, self.particles.contact
+        constants = pair_constants(particles, one.material, None if other is None else other.material)
+        if other is not None:
+            constants = constants._replace(rough=self.rough)
+        mass = one.mass if other is None else effective(one.mass, other.mass)
+        radius = one.radius if other is None else effective(one.radius, other.radius)
+        small = one.radius if other is None else min(one.radius, other.radius)
+        depth = self._depth(other is None, radius, small, constants.modulus)
+        found = _linearised(contact, constants, mass, radius, depth, radius / one.radius)
+        liquid = largest_resistance(particles, radius) + largest_bridge_damping(particles, radius)
+        return found._replace(
+            normal_damping=found.normal_damping + liquid,
+            tangential_damping=found.tangential_damping + largest_shear(particles, radius, small),
+        )
+
+    def into_walls(self, grains: Sequence[ContactBody]) -> float:
+        """Deepest overlap of one of these kinds of particles with a wall [m]."""
+        contact = self.particles.contact
+        if contact.law == "linear_spring_dashpot" and self.overlap is None:
+            plain = stability.linear_overlap(self.heavy, contact.normal_stiffness or 0.0, self.speed)
+            return min(plain, contact.maximum_overlap * 2.0 * self.large)
+        moduli = [pair_constants(self.particles, body.material, None).modulus for body in grains]
+        radii = [body.radius for body in grains]
+        return max(self._depth(True, r, r, modulus) for r, modulus in zip(radii, moduli, strict=True))
+
+    def _depth(self, wall: bool, radius: float, small: float, modulus: float) -> float:
+        """Overlap of a contact, with a wall or not, of R* `radius`; `small` is the radius of the smaller body [m]."""
+        contact, mass = self.particles.contact, self.heavy if wall else 0.5 * self.heavy
+        deepest = stability.hertz_overlap(mass, radius, modulus, self.speed)
+        if contact.cohesion is not None and contact.law == "hertz_mindlin":
+            volume = bridge_volume(self.particles, self.large)
+            pair = Pair(contact.cohesion, strongest(self.particles, wall), radius, modulus, volume=volume)
+            deepest = pair.depth(0.5 * mass * self.speed**2)[1]
+            if self.overlap is not None:
+                return pair.law_depth(self.overlap)
+        return self.overlap or min(deepest, contact.maximum_overlap * 2.0 * small)
+
+
+def _contacts(
+    particles: ParticleSetup, grains: Sequence[ContactBody], speed: float, overlap: float | None
+) -> _Contacts:
+    """Of these kinds of particles; see there."""
+    large, heavy = max(body.radius for body in grains), max(body.mass for body in grains)
+    meetings = {(one.material, other.material) for one in grains for other in grains if one.others(other) > 0}
+    rough = any(pair_constants(particles, *pair).rough for pair in meetings)
+    return _Contacts(particles, speed, overlap, large, heavy, rough)
 
 
 def _thin_axes(scene: Scene, radius: float) -> int:
