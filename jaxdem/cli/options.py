@@ -78,16 +78,16 @@ DeckFile = Annotated[
 ]
 SceneFiles = Annotated[
     list[Path],
-    Argument(metavar="SCENE...", help="Scene file (TOML); several are run one after the other.", show_default=False),
+    Argument(metavar="SCENE", help="Scene file (TOML); several are run one after the other.", show_default=False),
 ]
 RunFolder = Annotated[Path, Argument(metavar="RUN", help="Run directory.", show_default=False)]
 SampledRun = Annotated[Path, Argument(metavar="RUN", help="Run directory with samples.h5.")]
 ReferenceRun = Annotated[Path, Argument(metavar="REFERENCE", help="Run directory of the reference.")]
-ComparedRuns = Annotated[list[Path], Argument(metavar="RUN...", help="Run directories that are compared with it.")]
+ComparedRuns = Annotated[list[Path], Argument(metavar="RUN", help="Run directories that are compared with it.")]
 Datasets = Annotated[
     list[Path],
     Argument(
-        metavar="DATASET...",
+        metavar="DATASET",
         help="Dataset files written by `jaxdem dataset`; for --recipe neighbours one file of forces on spheres.",
     ),
 ]
