@@ -111,7 +111,7 @@ def check_devices(
     dimension = len(simulation.box)
     low = 0 if state.particles.position_low is None else dimension
     bonds = state.particles.bonds
-    require_in_reach(simulation.search, bonds)
+    require_in_reach(simulation.search, required(case.parameters.bodies, "parameters.bodies"), bonds)
     turned = 0 if bonds is None else len(jax.tree.leaves((bonds.orientation, bonds.orientation_low)))
     turned += sum(x.shape[1] for x in jax.tree.leaves((state.particles.orientation, state.particles.orientation_low)))
     # Position, velocity, spin, how it lies, the velocity that a contact step expects, and one number.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import jax
@@ -9,6 +10,7 @@ import numpy as np
 
 from jaxdem.errors import InputError
 from jaxdem.particles.bond_state import LEFT, BondRecord, BondState, KeptBonds, entries_of
+from jaxdem.particles.integrate import ParticleProperties
 from jaxdem.particles.neighbor_search import NeighborSearch
 from jaxdem.particles.pairs import Pairs
 
@@ -16,8 +18,13 @@ STRETCH = 1.1
 """How much longer than now a bond may get: its grains must be in reach of the neighbour list."""
 
 
-def require_in_reach(search: NeighborSearch, bonds: BondState | None) -> None:
+def require_in_reach(search: NeighborSearch, bodies: ParticleProperties, bonds: BondState | None) -> None:
     """Refuses bonds along which ghosts are not chosen, so that a slab would not know both grains.
+
+    Args:
+        search: of the list.
+        bodies: of all particles.
+        bonds: of the whole box; None for none.
 
     Raises:
         InputError: the longest one is too long.
@@ -25,13 +32,17 @@ def require_in_reach(search: NeighborSearch, bonds: BondState | None) -> None:
     if bonds is None:
         return
     squared: Any = sum(np.asarray(x, float) ** 2 for x in bonds.separation)
-    longest = float(np.sqrt(np.max(squared[:-1], initial=0.0)))
-    if STRETCH * longest > search.body_reach:
-        limit = (
-            f"on several devices the neighbour list, which reaches {search.body_reach:.4g} m, must reach {STRETCH:g} "
-            f"times as far as the longest bond of {longest:.4g} m"
-        )
-        raise InputError("contact.skin", f"{search.body_reach - search.geometry.cutoff:.4g} m", limit, "raise it")
+    wanted = STRETCH * float(np.sqrt(np.max(squared[:-1], initial=0.0)))
+    if wanted <= search.body_reach:
+        return
+    # The key counts largest diameters, rounded up here.
+    diameter, cutoff = 2.0 * float(np.max(np.asarray(bodies.radius, float))), search.geometry.cutoff
+    skin, needed = (search.body_reach - cutoff) / diameter, math.ceil(1e3 * (wanted - cutoff) / diameter) / 1e3
+    limit = (
+        f"on several devices the neighbour list, which reaches {search.body_reach:.4g} m, must reach {STRETCH:g} "
+        f"times as far as the longest bond of {wanted / STRETCH:.4g} m"
+    )
+    raise InputError("contact.skin", float(f"{skin:.4g}"), limit, f"set it to {needed:g} or more, or use one device")
 
 
 def bonds_in_slabs(bonds: BondState, table: np.ndarray, changes: bool) -> BondState:

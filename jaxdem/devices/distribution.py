@@ -102,7 +102,7 @@ def _particles(
     mesh, memory = required(simulation.mesh, "mesh"), _memory_of_rows(contacts, table, len(particles.position))
     rows_of_all = _rows(particles, table)
     if particles.bonds is not None:
-        require_in_reach(search, particles.bonds)
+        require_in_reach(search, required(parameters.bodies, "parameters.bodies"), particles.bonds)
         changes = simulation.population is not None
         rows_of_all = rows_of_all._replace(bonds=bonds_in_slabs(particles.bonds, table, changes))
     given = (rows_of_all, _no_ghosts(planes.astype(dtype), table, room, search.members), history, memory)

@@ -22,7 +22,7 @@ from jaxdem.devices import (
     gathered_state,
     on_one_device,
 )
-from jaxdem.devices.bonds import blank_kept
+from jaxdem.devices.bonds import blank_kept, require_in_reach
 from jaxdem.devices.mesh import SAME, on_host, put
 from jaxdem.errors import InputError, required
 from jaxdem.numerics.blocks import Blocks
@@ -63,6 +63,9 @@ class Saved:
 class Placement(Protocol):
     """What the time loop asks of where its state is."""
 
+    def require_fit(self, state: State) -> None:
+        """Refuses a state of one device that cannot be there, with an `InputError`."""
+
     def placed(self, state: State, neighbors: Neighbors | None) -> tuple[State, Neighbors | None]:
         """A state of one device, where it is to be."""
 
@@ -98,6 +101,9 @@ class OneDevice:
     """All on one device; see `Placement`."""
 
     case: Case
+
+    def require_fit(self, state: State) -> None:
+        pass
 
     def placed(self, state: State, neighbors: Neighbors | None) -> tuple[State, Neighbors | None]:
         return state, neighbors
@@ -148,6 +154,11 @@ class Slabs:
 
     case: Case
     simulation: DividedSimulation
+
+    def require_fit(self, state: State) -> None:
+        if state.particles is not None:
+            bodies = required(self.case.parameters.bodies, "parameters.bodies")
+            require_in_reach(self.simulation.search, bodies, state.particles.bonds)
 
     def placed(self, state: State, neighbors: Neighbors | None) -> tuple[State, Neighbors | None]:
         return distributed(self.simulation, self.case.parameters, state, neighbors)

@@ -55,6 +55,7 @@ def simulate_alone(scene: Scene, out: str | Path, options: RunOptions, **extensi
     placement = placement_of(case, options)
     begun = resume and (Path(out) / CHECKPOINT).is_file()
     state, neighbors = case.unsettled_state() if begun else case.initial_state(options.settling)
+    placement.require_fit(state)
     attributes = sample_attributes(case) if every else None
     # From the moment that there is a directory a signal is noted only: a checkpoint is left in it.
     columns = columns_of(case.probes)

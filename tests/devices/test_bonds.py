@@ -1,5 +1,6 @@
 """Bonds on several devices, against one device: plates that drift over borders, turn, collide, break and leave."""
 
+import re
 import shutil
 
 import jax
@@ -198,11 +199,17 @@ def test_no_message_of_its_own_tells_which_grains_have_left():
     assert always_sent(jax.make_jaxpr(divided.step)(parameters, *start).jaxpr) == 0
 
 
-def test_what_slabs_would_lose_is_refused():
-    """Bonds longer than the neighbour list reaches."""
-    scene = jaxdem.load_scene(tables_of_plates(contact={"young_modulus": 5e6, "speed": 3.0, "skin": 0.05}))
+def test_what_slabs_would_lose_is_refused(tmp_path):
+    """Bonds longer than the neighbour list reaches, before there is a folder. The value is that of the key, and the one
+    that the remedy names will do."""
+    contact = {"young_modulus": 5e6, "speed": 3.0, "skin": 0.05}
+    with pytest.raises(InputError, match="longest bond of 0.0101 m") as caught:
+        jaxdem.simulate(jaxdem.load_scene(tables_of_plates(contact=contact)), tmp_path / "run", devices=2)
+    assert caught.value.key == "contact.skin" and caught.value.value == 0.05
+    assert not (tmp_path / "run").exists()
+    wanted = float(re.search(r"set it to ([0-9.]+) or more", caught.value.remedy)[1])
+    assert 0.0 < wanted - (1.1 * SPACING / (2.0 * RADIUS) - 1.0) < 1.001e-3
+    scene = jaxdem.load_scene(tables_of_plates(contact=contact | {"skin": wanted}))
     simulation, parameters = jaxdem.build(scene)
-    state, _ = jaxdem.initial_state(scene, simulation, parameters)
-    with pytest.raises(InputError, match="longest bond") as caught:
-        require_in_reach(simulation.search, state.particles.bonds)
-    assert caught.value.key == "contact.skin"
+    bonds = jaxdem.initial_state(scene, simulation, parameters)[0].particles.bonds
+    require_in_reach(simulation.search, parameters.bodies, bonds)
