@@ -150,11 +150,14 @@ def neighbors_from_jax_md(
         neighbor_list: a `jax_md.partition.NeighborList`, Dense, Sparse or OrderedSparse, that reaches cutoff + skin.
 
     Raises:
-        InputError: the scene has no particles; the list has another number of particles, dimension, precision or too
-            short a reach. Where the arrays have values (not under jit, grad or vmap) also: its reference positions are
-            not those of the state, or a pair in reach is not in it, as with another box.
+        InputError: the scene has no particles, or is on several devices; the list has another number of particles,
+            dimension, precision or too short a reach. Where the arrays have values (not under jit, grad or vmap) also:
+            its reference positions are not those of the state, or a pair in reach is not in it, as with another box.
     """
     if simulation.contact is None or state.particles is None:
         raise InputError("simulation", "no particles", "a neighbour list needs some", "add [particles] to the scene")
+    if simulation.cut is not None:
+        limit = "a list of jax-md is of all particles, and each device has those of its slab"
+        raise InputError("simulation", "on several devices", limit, "build the scene without `devices`")
     particles, neighbors = listed_by_jax_md(simulation.search, state.particles, neighbors, neighbor_list)
     return state._replace(particles=particles), neighbors

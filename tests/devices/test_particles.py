@@ -262,3 +262,11 @@ def test_a_box_too_short_for_so_many_slabs_is_refused():
         jaxdem.build(scene_of(domain={"size": [0.18, 0.1], "depth": 0.02}), devices=4)
     with pytest.raises(InputError, match="JAX sees 4 devices"):
         jaxdem.build(scene_of(), devices=5)
+
+
+def test_a_list_of_jax_md_is_refused():
+    scene = scene_of()
+    divided, _ = jaxdem.build(scene, devices=2)
+    state, _ = build_case(scene).first_state()
+    with pytest.raises(InputError, match="simulation = 'on several devices'"):
+        jaxdem.neighbors_from_jax_md(divided, state, None, None)
