@@ -29,7 +29,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
 
-from jaxdem.fluid.grid import Grid, sum_of
+from jaxdem.fluid.grid import Grid, along, sum_of
 from jaxdem.fluid.surface_response import SurfaceResponse
 from jaxdem.numerics.blocks import largest
 from jaxdem.numerics.compensated import Pair
@@ -114,9 +114,22 @@ def gaps_of(grid: Grid, pistons: Sequence[PistonInFluid], distances: Sequence[Ar
 
 def _slope(grid: Grid, piston: PistonInFluid, distance: Array) -> Array:
     """Change of a distance at the corners along the way of a piston [-]."""
-    xp = namespace(distance)
-    parts = enumerate(zip(piston.direction, grid.spacing, strict=True))
-    return sum_of([part * xp.gradient(distance, h, axis=axis) for axis, (part, h) in parts if part])
+    return sum_of([part * _change(grid, distance, axis) for axis, part in enumerate(piston.direction) if part])
+
+
+def _change(grid: Grid, corners: Array, axis: int) -> Array:
+    """Change of a distance at the corners along an axis, by those on both sides, at an end of the box by one [-]."""
+    h, cut = grid.spacing[axis], grid.cut_along(axis)
+    own: Array = namespace(corners).gradient(corners, h, axis=axis)
+    if cut is None:
+        return own
+    # The layer next to a border between slabs, which is in both.
+    second, last_but_one = along(corners, axis, 1, 2), along(corners, axis, -2, -1)
+    before, after = cut.from_both(second, last_but_one)
+    ends = (second - before) / (2.0 * h), (after - last_but_one) / (2.0 * h)
+    first = jnp.where(cut.index() == 0, along(own, axis, 0, 1), ends[0])
+    last = jnp.where(cut.index() == cut.number - 1, along(own, axis, -1, None), ends[1])
+    return jnp.concatenate((first, along(own, axis, 1, -1), last), axis)
 
 
 class FluidOnWalls(NamedTuple):

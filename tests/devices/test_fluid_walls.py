@@ -8,10 +8,14 @@ import pytest
 
 import jaxdem
 from jaxdem import InputError, devices
+from jaxdem.coupling.pistons_in_fluid import PistonInFluid, gaps_of
 from jaxdem.coupling.walls_in_fluid import WallsInFluid
 from jaxdem.failures import Failure, failures
+from jaxdem.fluid.grid import Grid
+from jaxdem.fluid.slabs import cells_in_slabs
+from jaxdem.numerics.blocks import Blocks
 from jaxdem.setup.builder import build_case
-from tests.cases.fluid_slabs import compared, fluid_scene
+from tests.cases.fluid_slabs import SLABS, compared, fluid_scene, run_on_slabs
 from tests.cases.pistons_in_fluid import STEP, before_column, march
 from tests.cases.slabs_beside_walls import CYLINDER, JET, SCENES
 from tests.cases.tiers import COMBINATION
@@ -97,6 +101,22 @@ def test_parameters_of_one_device_are_refused():
     state, _ = jaxdem.initial_state(scene, divided, own)
     with pytest.raises(InputError, match=r"Take those of jaxdem.build\(scene, devices=...\)"):
         divided.step(parameters, state, None)
+
+
+def test_a_piston_faces_a_body_at_a_border_as_on_one_device():
+    """Beyond the border between two slabs both distances change, by 1 and -0.9 of the way, so that the two face each
+    other from the next corner on. At the border the changes on both sides count: of those above it alone it would be
+    the border, where the gap is 0.3 m."""
+    grid = Grid((8, 6), (0.8, 0.6), 1.0, (False, False))
+    along = np.maximum(np.arange(9) * 0.1 - 0.4, 0.0)
+    distances = [np.tile(one[:, None], (1, 7)) for one in (along, 0.3 - 0.9 * along)]
+    piston, blocks = PistonInFluid(0, 0, (0,), (1.0, 0.0), along=((1, 1),)), Blocks(2, 0, False)
+    whole = jax.jit(lambda *given: gaps_of(grid, [piston], given))(*distances)
+    assert float(whole[0, 1]) == pytest.approx(0.3 + 0.1 * 0.1 + 0.01 * 0.1)
+    own = grid.in_blocks(blocks)
+    slabs = [cells_in_slabs(blocks, one, 1) for one in distances]
+    found, _ = run_on_slabs(2, lambda *given: gaps_of(own, [piston], given), [SLABS, SLABS], slabs)
+    np.testing.assert_allclose(found[0], whole, rtol=1e-14)
 
 
 @COMBINATION
