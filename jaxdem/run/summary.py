@@ -13,6 +13,7 @@ import numpy as np
 from jaxdem import metrics
 from jaxdem.closures import DRAG_LAWS
 from jaxdem.closures.base import FixedClosure
+from jaxdem.particles.neighbors import Room
 from jaxdem.run.instant import Instant
 from jaxdem.run.parts import PARTS
 from jaxdem.run.parts.population import particle_counts
@@ -26,13 +27,20 @@ from jaxdem.version import __version__
 
 
 def run_summary(
-    case: Case, instant: Instant, totals: Totals, valid: bool, reason: str, split_stages: bool
+    case: Case,
+    instant: Instant,
+    room: Room | None,
+    totals: Totals,
+    valid: bool,
+    reason: str,
+    split_stages: bool,
 ) -> dict[str, Any]:
     """Content of summary.json.
 
     Args:
         case: that ran.
         instant: that it has reached.
+        room: of its list, on several devices of that of each slab; None without particles.
         totals: of the run.
         valid: whether it reached its end soundly.
         reason: why not.
@@ -56,7 +64,7 @@ def run_summary(
         "stages_s": stages,
         "estimated": estimated,
         "time_steps": _time_steps(simulation.steps, totals),
-        "counts": _counts(case, instant, totals),
+        "counts": _counts(case, instant, room, totals),
         **{name: value for part in PARTS for name, value in part.summary(case, instant, totals).items()},
         "fastest_particle": totals.fastest,
         "kernel_half_width": simulation.half_width,
@@ -75,8 +83,8 @@ def _time_steps(steps: TimeSteps, totals: Totals) -> dict[str, Any]:
     }
 
 
-def _counts(case: Case, instant: Instant, totals: Totals) -> dict[str, float]:
-    scene, neighbors, bodies = case.scene, instant.neighbors, case.parameters.bodies
+def _counts(case: Case, instant: Instant, room: Room | None, totals: Totals) -> dict[str, float]:
+    scene, bodies = case.scene, case.parameters.bodies
     found = {
         "particles": _rows(instant),
         "grains_per_particle": 1.0 if bodies is None or bodies.parcels is None else float(bodies.parcels.grains),
@@ -85,8 +93,8 @@ def _counts(case: Case, instant: Instant, totals: Totals) -> dict[str, float]:
         "contact_steps": totals.intervals * case.simulation.steps.contacts_per_interval,
         "fluid_steps": totals.fluid_steps,
         "neighbor_builds": totals.builds,
-        "neighbor_slots": 0 if neighbors is None else neighbors.room.slots,
-        "pair_slots": 0 if neighbors is None else neighbors.room.pairs,
+        "neighbor_slots": 0 if room is None else room.slots,
+        "pair_slots": 0 if room is None else room.pairs,
         "neighbor_resizes": totals.resizes,
         "solver_iterations_max": totals.iterations,
     }

@@ -115,7 +115,8 @@ class RunWriter:
         self, instant: Instant, neighbors: Neighbors | None, valid: bool, reason: str, split_stages: bool = True
     ) -> dict[str, Any]:
         """Content of summary.json, see `run_summary`; `neighbors` is the list as it is placed."""
-        summary = run_summary(self.case, instant, self.totals, valid, reason, split_stages)
+        room = None if neighbors is None else neighbors.room
+        summary = run_summary(self.case, instant, room, self.totals, valid, reason, split_stages)
         return summary | self.placement.figures(neighbors)
 
     def _origin(self) -> dict[str, str]:
