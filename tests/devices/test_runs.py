@@ -17,6 +17,7 @@ from typer.testing import CliRunner
 from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkIOHDF import vtkHDFReader
 
+import jaxdem
 from jaxdem.cli import library_output, members
 from jaxdem.cli.cluster import member
 from jaxdem.cli.inputs import set_collective_timeouts
@@ -244,6 +245,63 @@ def test_two_processes_are_killed_and_stopped_and_go_on(scene, on_two, tmp_path)
     reader.Update()
     points = vtk_to_numpy(reader.GetOutput().GetPoints().GetData())
     assert np.array_equal(points, run.particles(-1)["position"])
+
+
+WIDE = """
+precision = "float64"
+[domain]
+size = [0.36, 0.12]
+depth = 0.02
+gravity = [4.0, -9.81]
+[particles]
+density = 2500.0
+[[particles.pack]]
+kind = "lattice"
+radius = 0.016
+count = 4
+spacing = 1.5
+start = [0.0, 0.0]
+stop = [0.36, 0.04]
+[[particles.pack]]
+kind = "random"
+radius = 0.0025
+count = 250
+start = [0.0, 0.041]
+stop = [0.36, 0.12]
+[contact]
+young_modulus = 1e6
+friction = 0.4
+rolling_friction = 0.1
+rolling_model = "epsd"
+[time]
+end = 0.2
+output_interval = 0.01
+[output]
+checkpoint_interval = 1e-3
+"""
+"""Large grains among small ones: lists by levels of size."""
+
+
+@COMBINATION
+@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="finds the processes in /proc")
+def test_two_processes_with_grains_of_wide_sizes_go_on_bit_for_bit(tmp_path):
+    scene, out = tmp_path / "wide.toml", tmp_path / "run"
+    scene.write_text(WIDE)
+    assert jaxdem.build(jaxdem.load_scene(scene))[0].search.levels is not None
+    done = command("run", scene, "--out", tmp_path / "two", "--devices", 2, "--quiet")
+    assert done.returncode == 0, done.stderr
+    launcher, processes = started(scene, out)
+    os.kill(processes[0], signal.SIGKILL)
+    _, said = launcher.communicate(timeout=60)
+    assert launcher.returncode == 1 and messages(said) == 1 and not any(map(alive, processes)), said
+    done = command("run", scene, "--out", out, "--processes", 2, "--resume", "--quiet")
+    assert done.returncode == 0, done.stderr
+    run, two = load_run(out), load_run(tmp_path / "two")
+    assert run.summary["devices"]["processes"] == 2 and run.summary["devices"]["migrations"] > 4
+    assert run.number_of_frames == two.number_of_frames == 21
+    assert max(largest_difference(run, two).values()) == 0.0
+    for name, column in two.history.items():
+        np.testing.assert_array_equal(run.history[name], column, err_msg=name)
 
 
 def test_a_message_comes_once(scene, tmp_path):

@@ -13,7 +13,7 @@ from jaxdem.fluid.slabs import cells_in_slabs, cells_of_slabs
 from jaxdem.numerics.blocks import Blocks
 from tests.cases.fluid_slabs import ALONG_X, SLABS, places, run_on_slabs
 from tests.cases.slabs import apart
-from tests.cases.surface_beside_walls import broken_dam
+from tests.cases.surface_beside_walls import broken_dam, tank
 from tests.cases.tiers import COMBINATION
 
 CHANNEL = {
@@ -130,14 +130,29 @@ ROLLING = broken_dam((16, 16)) | {"surface": COLUMN}
 """A column of water, up to the border between two slabs, that breaks on a slope and a round body across it."""
 
 
+def dam_in_space():
+    """A column of water, up to the border between two slabs, on a plane that is tilted both ways and before a cylinder
+    across the border, which is tilted too."""
+    walls = [
+        {"kind": "plane", "point": [0.3, 0.2, 0.0], "normal": [-0.4, 0.3, 1.0], "fluid": "no_slip"},
+        {"kind": "cylinder", "center": [0.4, 0.3, 0.2], "axis": [0.3, 1.0, 0.2], "radius": 0.12,
+         "inside": False, "fluid": "free_slip"},
+    ]  # fmt: skip
+    tables = tank(walls, (8, 6, 8), domain={"size": [0.8, 0.6, 0.6], "gravity": [0.0, 0.0, -9.81]})
+    del tables["domain"]["depth"]
+    column = {"shape": "box", "start": [0.0, 0.0, 0.0], "stop": [0.39, 0.6, 0.5]}
+    return tables | {"surface": COLUMN | {"regions": [column]}}
+
+
 @pytest.mark.parametrize(
     ("tables", "number", "axis", "intervals"),
     [
         (ROLLING, 2, 0, 30),
         pytest.param(ROLLING, 4, 1, 30, marks=COMBINATION),
         pytest.param(falling_grains(), 3, 1, 30, marks=COMBINATION),
+        pytest.param(dam_in_space(), 2, 0, 30, marks=COMBINATION),
     ],
-    ids=["a dam breaks", "slabs of height", "grains"],
+    ids=["a dam breaks", "slabs of height", "grains", "in space"],
 )
 def test_two_fluids_beside_walls_are_those_of_one_device(tables, number, axis, intervals):
     """Fields and loads on the walls within 1e-10, with as many iterations of the pressure; nothing is gathered. The
