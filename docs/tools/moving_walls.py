@@ -64,6 +64,9 @@ def frames(figure: plt.Figure, panels: np.ndarray, run: Run, times: tuple[float,
         axes.set(xlabel="x [m]", title=f"{picture.time:.2f} s")
     panels[0].set_ylabel("z [m]")
     drawing.add_legends(figure, panels, shown, tops, "velocity", 9.0)
+    for legend in figure.legends:  # of sides of the box: beside the frames, and not below the graph at the right
+        legend.remove()
+        panels[0].legend(handles=legend.legend_handles, loc="best", fontsize="small")
 
 
 def save(figure: plt.Figure, name: str) -> None:

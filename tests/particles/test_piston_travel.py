@@ -4,12 +4,13 @@ import jax
 import numpy as np
 import pytest
 
-from jaxdem import build, initial_state, load_scene
+from jaxdem import build, devices, initial_state, load_scene
 from jaxdem.failures import Failure, failures
 from jaxdem.particles.walls import box_sides
 from jaxdem.run.diagnosis import diagnosis
 from jaxdem.setup.particles import particle_setup
 from jaxdem.setup.piston_travel import piston_travel
+from tests.cases.tiers import COMBINATION
 
 DOWN = {"direction": [0.0, -1.0], "force": 2.0, "mass": 4.0}
 LID = {"kind": "plane", "point": [0.5, 0.6], "normal": [0.0, -1.0], "piston": DOWN}
@@ -32,7 +33,7 @@ def scene_of(*walls, **more):
         "walls": list(walls),
         "time": {"end": 2.0, "output_interval": 0.02},
     }
-    return load_scene(tables | more)
+    return load_scene(tables | {key: tables.get(key, {}) | value for key, value in more.items()})
 
 
 @pytest.mark.parametrize(
@@ -84,3 +85,19 @@ def test_a_run_stops_where_a_lid_meets_a_ramp():
     assert count * simulation.interval == pytest.approx(np.sqrt(2.0 * 0.2 * 4.0 / 2.0), abs=2.0 * simulation.interval)
     reason, where, _ = diagnosis(simulation, parameters, code, before, state, told)
     assert "meets another wall" in reason and "walls.0 (meets walls.1)" in where
+
+
+@COMBINATION
+def test_slabs_know_that_a_lid_meets_a_ramp():
+    """As on one device, in an interval in which the way of the lid passes 0.2 m."""
+    scene = scene_of(LID, RAMP, particles={"position": [[0.03, 0.3], [0.03, 0.2]]})
+    simulation, parameters = build(scene)
+    state, neighbors = initial_state(scene, simulation, parameters)
+    there = state.particles.pistons._replace(displacement=np.asarray([0.19999]), velocity=np.asarray([0.5]))
+    state = state._replace(particles=state.particles._replace(pistons=there))
+    divided = devices.divided(simulation, 2, state.particles.position, axis=0)
+    own = divided.with_parts(parameters)
+    slabs, lists = devices.distributed(divided, own, state, neighbors)
+    for step, given in ((simulation.step, (parameters, state, neighbors)), (divided.step, (own, slabs, lists))):
+        told = jax.jit(step)(*given)[2]
+        assert told.particles.met.shape == (2,) and Failure(int(failures(simulation, told))) == Failure.PISTON_MEETS
