@@ -128,9 +128,11 @@ def pieces_of(mesh: SurfaceMesh, normal: np.ndarray, patch: np.ndarray) -> tuple
         places.append((mesh.points[edges.ends], number, edges.cell))
     for corners, place, cell in places:
         faces = faces_at(place, cell, normal, patch, len(corners))
+        several = np.flatnonzero(faces.number > 1)
+        faces = FacesAt(*(column[several] for column in faces))
         centre = np.einsum("pde,pe->pd", np.linalg.pinv(faces.total, hermitian=True), faces.summed)
-        several = (faces.number > 1) & (np.linalg.norm(centre, axis=1) < STEEPEST)
-        found.append(Piece(corners[several], centre[several], FacesAt(*(column[several] for column in faces))))
+        fits = np.linalg.norm(centre, axis=1) < STEEPEST
+        found.append(Piece(corners[several[fits]], centre[fits], FacesAt(*(column[fits] for column in faces))))
     return tuple(found)
 
 
