@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from typing import NamedTuple, TypeVar
 
@@ -9,11 +10,13 @@ import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
+from jaxdem.errors import InputError
 from jaxdem.fluid.grid import Grid
 from jaxdem.fluid.mesh import face_places
 from jaxdem.numerics.products import PRECISION
 from jaxdem.numerics.static import static
 from jaxdem.numerics.vectors import Vector
+from jaxdem.observables.arguments import require_numbers
 
 SHORT = 1e-30
 """Extents below this are none; its inverse is finite in float32 [m]."""
@@ -43,7 +46,13 @@ def slices(size: tuple[float, ...], axis: int, edges: tuple[float, ...], depth: 
         axis: number of the axis.
         edges: R + 1 coordinates that ascend [m].
         depth: of the domain in 2-D [m].
+
+    Raises:
+        InputError: there is no such axis, or the coordinates do not ascend.
     """
+    require_numbers("axis", (axis,), len(size), "axes")
+    if len(edges) < 2 or not all(low < high for low, high in itertools.pairwise(edges)):
+        raise InputError("edges", list(edges), "must ascend, two coordinates at least", "sort them")
     pairs = list(zip(edges[:-1], edges[1:], strict=True))
     lower = tuple(tuple(low if k == axis else 0.0 for k in range(len(size))) for low, _ in pairs)
     upper = tuple(tuple(high if k == axis else length for k, length in enumerate(size)) for _, high in pairs)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import jax.numpy as jnp
 from jax import Array
 
-from jaxdem.errors import required
+from jaxdem.errors import InputError, required
 from jaxdem.fluid.grid import Grid, face_average_along
 from jaxdem.fluid.mesh import face_places
 from jaxdem.fluid.second_fluid import mixture_density
@@ -15,6 +16,7 @@ from jaxdem.numerics import compensated
 from jaxdem.numerics.blocks import Blocks, total
 from jaxdem.numerics.products import PRECISION
 from jaxdem.numerics.static import static
+from jaxdem.observables.arguments import require_numbers
 from jaxdem.particles.integrate import ParticleState, split_low
 from jaxdem.state import Parameters, State
 from jaxdem.structure import Structure
@@ -37,6 +39,11 @@ class Plane:
     lower: tuple[float, ...] | None = None
     upper: tuple[float, ...] | None = None
 
+    def __post_init__(self) -> None:
+        """Refuses a normal of another length, where it has numbers."""
+        if all(isinstance(part, (int, float)) for part in self.normal) and abs(math.hypot(*self.normal) - 1.0) > 1e-5:
+            raise InputError("normal", self.normal, "must be a unit vector", "divide it by its length")
+
     @classmethod
     def across(
         cls,
@@ -46,7 +53,12 @@ class Plane:
         lower: tuple[float, ...] | None = None,
         upper: tuple[float, ...] | None = None,
     ) -> Plane:
-        """The plane normal to an axis at a coordinate [m]; the axis's direction is positive."""
+        """The plane normal to an axis at a coordinate [m]; the axis's direction is positive.
+
+        Raises:
+            InputError: there is no such axis.
+        """
+        require_numbers("axis", (axis,), dimension, "axes")
         return cls(tuple(float(k == axis) for k in range(dimension)), at, axis, lower, upper)
 
 

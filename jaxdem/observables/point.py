@@ -7,7 +7,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jax import Array
 
-from jaxdem.errors import required
+from jaxdem.errors import InputError, required
 from jaxdem.fluid.grid import Grid
 from jaxdem.numerics.blocks import total
 from jaxdem.state import State
@@ -38,9 +38,15 @@ def fluid_at(structure: Structure, state: State, points: Array) -> FluidAt:
         structure: or a `Simulation`.
         state: with a fluid.
         points: (P, D) in the domain [m].
+
+    Raises:
+        InputError: they have another shape.
     """
     fluid, grid = required(state.fluid, "fluid"), required(structure.fluid, "fluid").solver.grid
-    dimension = grid.dimension
+    dimension, shape = grid.dimension, getattr(points, "shape", None)
+    if shape is None or len(shape) != 2 or shape[1] != dimension:
+        given = shape or type(points).__name__
+        raise InputError("points", given, f"must be an array (P, {dimension})", "give a row for each point")
     velocity = [_linear(grid, u, points, axis) for axis, u in enumerate(fluid.face_velocity)]
     void = jnp.ones_like(fluid.pressure) if fluid.void_fraction is None else fluid.void_fraction
     pressure, void_there = _linear(grid, fluid.pressure, points, dimension), _linear(grid, void, points, dimension)

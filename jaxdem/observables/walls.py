@@ -11,6 +11,7 @@ from jax import Array
 from jaxdem.errors import InputError, required
 from jaxdem.fluid.two_fluids import TwoFluidSolver
 from jaxdem.numerics import vectors
+from jaxdem.observables.arguments import require_numbers
 from jaxdem.state import Diagnostics
 from jaxdem.structure import Structure
 
@@ -103,6 +104,7 @@ def wall_load(diagnostics: Diagnostics, walls: tuple[int, ...], about: Array) ->
     """
     loads = required(required(diagnostics.particles, "particles").walls, "walls of the diagnostics")
     chosen = list(walls)
+    require_numbers("walls", chosen, loads[0][0].shape[0], "walls")
     force, about_origin, power, mass = (tuple(jnp.sum(x[jnp.asarray(chosen, int)]) for x in vector) for vector in loads)
     arm = tuple(about[k] for k in range(about.shape[0]))
     torque = vectors.subtract(about_origin, vectors.moment(arm, force))
@@ -149,6 +151,7 @@ def torque_in_fluid(diagnostics: Diagnostics, surfaces: tuple[int, ...], about: 
 
 def _surface_load(diagnostics: Diagnostics, surfaces: tuple[int, ...]) -> Array:
     loads = required(required(diagnostics.fluid, "fluid").surface_load, "surface_load of the diagnostics")
+    require_numbers("surfaces", surfaces, loads.shape[0], "surfaces that the fluid sees")
     return jnp.sum(loads[jnp.asarray(surfaces)], axis=0)
 
 
@@ -180,4 +183,5 @@ def _torque_of(load: Array, about: Array) -> Array:
 def _side_load(diagnostics: Diagnostics, axis: int, upper: bool) -> Array:
     """(D, 1 + D), see `fluid.side_forces`."""
     loads = required(required(diagnostics.fluid, "fluid").side_load, "side_load of the diagnostics")
+    require_numbers("axis", (axis,), loads.shape[0] // 2, "axes")
     return loads[2 * axis + upper]

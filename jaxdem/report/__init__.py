@@ -47,7 +47,8 @@ def compare(
         The figures, the findings in words, and where the files are.
 
     Raises:
-        InputError: no run, two of one name, a history whose times do not increase, parity arrays of unlike shape.
+        InputError: no run, two of one name, a reference without outputs, a history whose times do not increase, parity
+            arrays of unlike shape.
     """
     page = page or Page()
     check_parity(page.parity)

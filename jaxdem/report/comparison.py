@@ -222,12 +222,16 @@ def build(
     """Rows of all runs.
 
     Raises:
-        InputError: no run, two of one name, a history whose times do not increase.
+        InputError: no run, two of one name, a reference without outputs, a history whose times do not increase.
     """
     if not runs:
         raise InputError("runs", list(runs), "needs at least one run", "Name a run to compare with the reference.")
     every = [reference, *runs]
     base = read.history_until(reference.run, until)
+    if not len(base["time"]):
+        when = "that can be read yet" if until is None else f"until {until:g} s"
+        remedy = "wait for its first output, or compare with another run"
+        raise InputError("reference", str(reference.run.path), f"has no output {when}", remedy)
     rows = [
         _row(candidate, name, "run" if number else "reference", look, base, until)
         for number, (candidate, name, look) in enumerate(zip(every, _names(every), styles(len(every)), strict=True))

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import jaxdem
+from jaxdem.errors import InputError
 from jaxdem.fluid.fluid_state import FluidState
 from jaxdem.observables import Plane, fluid_flow, particle_flow
 from jaxdem.particles.integrate import ParticleState
@@ -177,3 +178,10 @@ def test_the_mass_of_two_fluids_that_passes_is_that_of_either_where_it_is():
     found = fluid_flow(simulation, parameters, Plane((1.0, 0.0), 0.13, 0), state)
     np.testing.assert_allclose(found.volume, 2.0 * 0.2, rtol=1e-6)
     np.testing.assert_allclose(found.mass, 2.0 * (1000.0 * 0.075 + 1.0 * 0.125), rtol=1e-6)
+
+
+@pytest.mark.parametrize("made", [lambda: Plane((0.0, 2.0), 0.1), lambda: Plane.across(2, 0.1, 2)])
+def test_planes_that_nothing_crosses_are_refused(made):
+    """A normal of another length, and an axis that there is not."""
+    with pytest.raises(InputError, match="unit vector|none of the axes"):
+        made()

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import jaxdem
+from jaxdem.errors import InputError
 from jaxdem.fluid.fluid_state import FluidState
 from jaxdem.fluid.grid import cell_average
 from jaxdem.observables import Boxes, contacts, fluid_at, fluid_profile, particle_profile, slices
@@ -220,6 +221,16 @@ def test_the_fluid_at_points_is_exact_where_it_is_linear(fluid):
     np.testing.assert_allclose(found.void_fraction, 0.5 + z, rtol=1e-12)
     slope = jax.jit(jax.grad(lambda p: fluid_at(simulation, state, p).velocity[0, 0]))(points)[0]
     np.testing.assert_allclose(slope, [2.0, 0.0, -1.0], rtol=1e-12, atol=1e-12)
+
+
+def test_places_that_there_are_not_are_refused(fluid):
+    """An axis that there is not cuts nothing: each slice would be the whole box."""
+    for axis, edges, words in ((3, (0.0, 0.2), "there are 3"), (2, (0.2, 0.0), "must ascend"), (2, (0.1,), "two")):
+        with pytest.raises(InputError, match=words):
+            slices((0.3, 0.2, 0.4), axis, edges)
+    for points in ([[0.1, 0.1, 0.1]], jnp.zeros((2, 2)), jnp.zeros(3)):
+        with pytest.raises(InputError, match=r"points = .*\(P, 3\)"):
+            fluid_at(fluid[0], fluid[2], points)
 
 
 def test_means_of_the_fluid_take_the_part_of_each_cell(fluid):

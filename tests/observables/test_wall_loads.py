@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxdem
+from jaxdem.errors import InputError
 from jaxdem.observables import fluid_force, fluid_torque, measuring_walls, side_walls, surface_walls, wall_load
+from jaxdem.particles.contact_sums import WallLoads
 
 RADIUS, DENSITY = 0.01, 2500.0
 MASS = DENSITY * 4.0 / 3.0 * np.pi * RADIUS**3
@@ -130,3 +134,20 @@ def test_slopes_of_loads_on_walls(program):
         numerical = (ends[0] - ends[1]) / (2.0 * size)
         np.testing.assert_allclose(jnp.sum(slope * along), numerical, rtol=1e-5)
         assert abs(numerical) > 1e-3
+
+
+def test_walls_that_there_are_not_have_no_load():
+    """To JAX an index beyond the end is the last one."""
+    row = (jnp.ones(3),)
+    particles, fluid = (
+        SimpleNamespace(walls=WallLoads(row * 2, row, row, row)),
+        SimpleNamespace(side_load=jnp.ones((4, 2, 3))),
+    )
+    diagnostics = SimpleNamespace(particles=particles, fluid=fluid)
+    np.testing.assert_array_equal(wall_load(diagnostics, (0, 2), jnp.zeros(2)).force, [2.0, 2.0])
+    for walls in ((3,), (0, -1), (0.0,)):
+        with pytest.raises(InputError, match="none of the walls: there are 3"):
+            wall_load(diagnostics, walls, jnp.zeros(2))
+    np.testing.assert_array_equal(fluid_force(diagnostics, 1, True), [1.0, 1.0])
+    with pytest.raises(InputError, match="axis = 2: is the number of none of the axes"):
+        fluid_force(diagnostics, 2, True)

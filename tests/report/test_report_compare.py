@@ -314,6 +314,11 @@ def test_wrong_input_is_refused(make: Any, tmp_path: Path) -> None:
     page = Page(parity={"p": {"predicted": np.ones((3, 2)), "target": np.ones((4, 2))}})
     with pytest.raises(InputError, match="parity"):
         compare(make("a"), [make("b")], tmp_path, page=page)
+    with pytest.raises(InputError, match=r"^reference = '.*none': has no output that can be read yet"):
+        compare(make("none", outputs=0), [make("b")], tmp_path)
+    with pytest.raises(InputError, match="has no output until -1 s"):
+        compare(make("a"), [make("b")], tmp_path, until=-1.0)
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_single_run_has_no_front(make: Any, tmp_path: Path, no_page: None) -> None:
