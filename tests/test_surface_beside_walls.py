@@ -1,4 +1,5 @@
-"""Two fluids beside walls that the fluid sees: the fast twins of the cases, grains, three dimensions, refusals."""
+"""Two fluids beside walls that the fluid sees: a control of the cases, grains, three dimensions, refusals; the cases
+themselves are in tests/physics/test_surface_cases.py."""
 
 import dataclasses
 
@@ -13,21 +14,8 @@ from jaxdem.coupling.open_cells import seen_slope
 from jaxdem.fluid.cut_liquid import fraction_of_level, level_of
 from jaxdem.fluid.cut_two_fluids import CutTwoFluidSolver
 from jaxdem.numerics.static import static
-from tests.cases import checked
 from tests.cases.surface_beside_walls import BEACH, BODY, TILTED_BOX, broken_dam, run, tank
 from tests.cases.tiers import COMBINATION
-
-
-@pytest.mark.parametrize(
-    "name", ("lakes beside walls at rest", "forces of a lake on walls", "a column that breaks on walls")
-)
-def test_cases(name):
-    checked(name)
-
-
-@COMBINATION
-def test_waves():
-    checked("waves between walls in the mesh")
 
 
 @static
@@ -40,7 +28,8 @@ class WithoutOpenParts(CutTwoFluidSolver):
 
 
 def test_a_transport_that_forgets_the_open_parts_is_seen():
-    """The negative control of the case above: the fraction leaves its bounds ten thousand times as far as its gate."""
+    """The negative control of "a column that breaks on walls": the fraction leaves its bounds ten thousand times as far
+    as its gate."""
 
     def forgetful(simulation):
         solver = simulation.fluid.solver

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -81,10 +82,31 @@ class Ended(NamedTuple):
         return abs(self.liquid(self.end) / self.liquid(self.start) - 1.0)
 
 
+def _nothing(state: State) -> Any:
+    return jnp.zeros(())
+
+
+@functools.cache
+def marched(simulation: Simulation, steps: int, seen: Callable[[State], Any]) -> Callable[..., Any]:
+    """The program of so many intervals; scenes of the same structure share it."""
+
+    def all_of_them(parameters: Parameters, start: Any) -> Any:
+        def one(carry: Any, _: Any) -> Any:
+            state, neighbors, told = simulation.step(parameters, *carry)
+            c = state.fluid.liquid_fraction
+            beyond = jnp.maximum(-jnp.min(c), jnp.max(c) - 1.0)
+            found = failures(simulation, told), beyond, told.fluid.iterations, told.fluid.surface_load, seen(state)
+            return (state, neighbors), found
+
+        return jax.lax.scan(one, start, None, steps)
+
+    return jax.jit(all_of_them)
+
+
 def run(
     tables: dict[str, Any],
     steps: int,
-    seen: Callable[[State], Any] = lambda state: jnp.zeros(()),
+    seen: Callable[[State], Any] = _nothing,
     change: Callable[[Simulation], Simulation] = lambda simulation: simulation,
 ) -> Ended:
     """So many intervals of a scene."""
@@ -92,17 +114,9 @@ def run(
     simulation, parameters = jaxdem.build(scene)
     start, neighbors = jaxdem.initial_state(scene, simulation, parameters)
     simulation = change(simulation)
-
-    def one(carry: Any, _: Any) -> Any:
-        state, neighbors = carry
-        state, neighbors, told = simulation.step(parameters, state, neighbors)
-        c = state.fluid.liquid_fraction
-        beyond = jnp.maximum(-jnp.min(c), jnp.max(c) - 1.0)
-        found = failures(simulation, told), beyond, told.fluid.iterations, told.fluid.surface_load, seen(state)
-        return (state, neighbors), found
-
-    marched = jax.jit(lambda carry: jax.lax.scan(one, carry, None, steps))
-    (end, _), (codes, beyond, iterations, loads, watched) = marched((start, neighbors))
+    (end, _), (codes, beyond, iterations, loads, watched) = marched(simulation, steps, seen)(
+        parameters, (start, neighbors)
+    )
     worst = int(np.bitwise_or.reduce(np.asarray(codes)))
     figures = float(beyond.max()), int(iterations.max()), np.asarray(loads[-1]), np.asarray(watched)
     return Ended(simulation, parameters, start, end, worst, *figures)
