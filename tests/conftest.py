@@ -27,7 +27,7 @@ if "device_count" not in os.environ.get("XLA_FLAGS", ""):
 if "terminate_timeout" not in os.environ["XLA_FLAGS"]:
     os.environ["XLA_FLAGS"] += " --xla_cpu_collective_call_terminate_timeout_seconds=1800"
 # LLVM's optimisations are a third to a half of what is left; without them most runs of tests are too short to lose it
-# again. A module with longer runs says `pytestmark = pytest.mark.long_runs`.
+# again. Tests with longer runs have the mark `long_runs`.
 os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
 # Without the lines of source in a program, which only messages of compilers show, tracing to running it takes a twelfth
 # less.
@@ -53,6 +53,7 @@ from figure_texts import watched  # noqa: E402
 
 from jaxdem.particles.neighbor_search import listing  # noqa: E402
 from jaxdem.run import exported  # noqa: E402
+from tests.cases.steps import compiled_step  # noqa: E402
 from tests.cases.worlds import runner  # noqa: E402
 
 DEAREST_FIRST = (
@@ -125,7 +126,7 @@ def own_programs(request):
     if "monkeypatch" not in request.fixturenames:
         yield
         return
-    programs = (runner, exported.in_memory, listing)
+    programs = (runner, compiled_step, exported.in_memory, listing)
     for kept in programs:
         kept.cache_clear()
     yield
@@ -140,9 +141,9 @@ def no_traced_programs_kept():
     exported.keep_in(None)
 
 
-@pytest.fixture(scope="module", autouse=True)
+@pytest.fixture(autouse=True)
 def optimized_where_runs_are_long(request):
-    """Programs of a module that is marked `long_runs` are optimized as users have them."""
+    """Programs of a test that is marked `long_runs` are optimized as users have them."""
     before = jax.config.read("jax_disable_most_optimizations")
     if request.node.get_closest_marker("long_runs"):
         jax.config.update("jax_disable_most_optimizations", False)

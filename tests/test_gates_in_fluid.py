@@ -7,6 +7,7 @@ import pytest
 
 from jaxdem import build, initial_state, load_scene
 from jaxdem.coupling.walls_in_fluid import WallsInFluid
+from tests.cases.steps import compiled_step
 from tests.cases.tiers import COMBINATION, tiered
 from tests.test_fluid_walls import refusal, tables
 from tests.test_moving_fluid_walls import BOX, STREAM, march
@@ -30,7 +31,7 @@ def next_of(given, *states):
     scene = load_scene(given)
     simulation, parameters = build(scene)
     own, _ = initial_state(scene, simulation, parameters)
-    step = jax.jit(simulation.step)
+    step = compiled_step(simulation)
     fluids = [s.fluid._replace(pressure_change=own.fluid.pressure_change) for s in states]
     return [step(parameters, own._replace(fluid=fluid), None)[0] for fluid in fluids]
 

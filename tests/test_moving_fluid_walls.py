@@ -7,6 +7,7 @@ import pytest
 
 from jaxdem import build, initial_state, load_scene
 from jaxdem.fluid.grid import divergence
+from tests.cases.steps import compiled_step
 from tests.cases.tiers import COMBINATION
 from tests.test_fluid_walls import refusal, tables
 
@@ -25,7 +26,7 @@ def march(given, steps, change=lambda parameters: parameters):
     simulation, parameters = build(scene)
     parameters = change(parameters)
     state, _ = initial_state(scene, simulation, parameters)
-    step, found = jax.jit(simulation.step), []
+    step, found = compiled_step(simulation), []
     for _ in range(steps):
         state, _, told = step(parameters, state, None)
         found.append((state, told))
@@ -79,13 +80,14 @@ def test_a_body_that_moves_with_a_stream_leaves_it_as_it_is():
         assert np.abs(along - 0.3).max() < 1e-14 and np.abs(across).max() < 1e-14
         assert np.abs(np.asarray(told.fluid.surface_load)).max() < 1e-12
     state = found[9][0]
-    moved, fluid = simulation.with_moved_walls(parameters, state.fluid, state.step)
+    moved, fluid = jax.jit(simulation.with_moved_walls)(parameters, state.fluid, state.step)
     cut = moved.fluid.cut
     flux = cut.opened(fluid.face_velocity)
     assert float(jnp.abs(divergence(simulation.fluid.solver.grid, flux) + cut.swept).max()) < 1e-12
     # Negative control: without what is swept, or with a wall that is taken for one at rest, the stream does not obey
     # continuity: it would pass through the body.
-    at_rest = simulation.walls_in_fluid.over(moved.fluid, fluid, (({"rate": jnp.zeros(())},),), *now(simulation))[0].cut
+    still = (({"rate": jnp.zeros(())},),)
+    at_rest = jax.jit(simulation.walls_in_fluid.over)(moved.fluid, fluid, still, *now(simulation))[0].cut
     assert float(jnp.abs(divergence(simulation.fluid.solver.grid, flux)).max()) > 1.0
     flux = at_rest.opened(fluid.face_velocity)
     assert float(jnp.abs(divergence(simulation.fluid.solver.grid, flux) + at_rest.swept).max()) > 1.0

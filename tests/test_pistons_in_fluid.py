@@ -19,6 +19,7 @@ from jaxdem.run.diagnosis import diagnosis
 from jaxdem.setup.builder import build_case
 from jaxdem.setup.fluid_surfaces import host_numbers
 from tests.cases.pistons_in_fluid import DENSITY, DEPTH, STEP, before_column, column, march, scene_of
+from tests.cases.steps import compiled_step
 from tests.cases.tiers import COMBINATION, tiered
 from tests.test_fluid_walls import refusal
 
@@ -36,6 +37,7 @@ def test_the_added_mass_is_that_of_the_column_and_holds_a_light_piston(monkeypat
         return jax.tree.map(jnp.zeros_like, plain(*given))
 
     monkeypatch.setattr(momentum_step, "surface_response", unknown)
+    compiled_step.cache_clear()
     found, _, _ = march(before_column(0.01), 4)
     assert np.abs(found[:, 1]).max() > 100.0 * exact[-1, 1]
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import jax
 import numpy as np
 
 from jaxdem import build, initial_state, load_scene
 from tests.cases.registry import case, relative
+from tests.cases.steps import compiled_step
 
 DENSITY, DEPTH, STEP = 1000.0, 0.02, 0.005
 """Of the water [kg/m3], of the slab [m], and of the coupling [s]."""
@@ -34,7 +34,7 @@ def march(given, steps):
     scene = load_scene(given)
     simulation, parameters = build(scene)
     state, neighbors = initial_state(scene, simulation, parameters)
-    step, found = jax.jit(simulation.step), []
+    step, found = compiled_step(simulation), []
     for _ in range(steps):
         state, neighbors, told = step(parameters, state, neighbors)
         pistons = state.particles.pistons

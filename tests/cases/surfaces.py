@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import jax
 import numpy as np
 import trimesh
 
 import jaxdem
 from jaxdem.setup.builder import build_case
+from tests.cases.steps import compiled_step
 
 
 def plane_mesh(squares: int, lower=-0.5, upper=1.5, height=0.0, warp=0.0) -> trimesh.Trimesh:
@@ -115,7 +115,7 @@ def flight(tables: dict, intervals: int) -> Flight:
     scene = jaxdem.load_scene(tables)
     case = build_case(scene)
     state, neighbors = case.initial_state()
-    step, frames = jax.jit(case.simulation.step), []
+    step, frames = compiled_step(case.simulation), []
     while len(frames) < intervals:
         after, listed, report = step(case.parameters, state, neighbors)
         if bool(report.particles.overflow):

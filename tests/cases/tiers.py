@@ -55,11 +55,17 @@ SECOND = frozenset({
     "one sphere settling, every drag law",
     "two-way settling in a periodic box", "fixed bed with hot gas in", "natural convection in a cavity",
     "hot drop in a stirred stream", "sloshing of warm water", "two layers that touch",
-    "arrival of a dam's front by its height",
+    "arrival of a dam's front by its height", "waves between walls in the mesh",
 })  # fmt: skip
 """Verification cases whose code other cases run too, at smaller size."""
 
 
-def cases_of(topic: str) -> list[Any]:
-    """The cases of a topic that the tests run, those of the second tier marked."""
-    return tiered(names(topic), first=[name for name in names(topic) if name not in SECOND])
+def cases_of(topic: str, long_runs: bool = False) -> list[Any]:
+    """The cases of a topic that the tests run, those of the second tier marked.
+
+    Args:
+        topic: of the cases.
+        long_runs: those of the second tier run for longer than their programs take to compile.
+    """
+    marks = (COMBINATION, pytest.mark.long_runs) if long_runs else (COMBINATION,)
+    return [pytest.param(name, marks=marks) if name in SECOND else name for name in names(topic)]

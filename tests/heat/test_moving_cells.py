@@ -1,7 +1,6 @@
 """Temperatures and scalars between walls that change their place in the fluid: what stays, what is kept, and where it
 goes."""
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -9,6 +8,7 @@ import pytest
 from jaxdem import build, initial_state, load_scene, simulate
 from jaxdem.scalars import scalars
 from jaxdem.scalars.moving_cells import Held
+from tests.cases.steps import compiled_step
 from tests.cases.tiers import COMBINATION
 from tests.heat.test_cut_heat import pipe_tables
 from tests.test_fluid_walls import refusal, tables
@@ -24,7 +24,7 @@ def march(given, steps, first=None):
     state, _ = initial_state(scene, simulation, parameters)
     if first is not None:
         state = state._replace(scalars=state.scalars._replace(fields=(jnp.asarray(first),)))
-    step, found = jax.jit(simulation.step), [state.scalars]
+    step, found = compiled_step(simulation), [state.scalars]
     for _ in range(steps):
         state, _, told = step(parameters, state, None)
         found.append(state.scalars)
@@ -55,6 +55,7 @@ def test_a_uniform_dye_stays_uniform_and_a_rough_one_is_kept(monkeypatch):
         return Held(walls, state.fields, 1.0, 1.0, state.capacity)
 
     monkeypatch.setattr(scalars, "held_by_cells", as_cut)
+    compiled_step.cache_clear()
     even, _, _ = march(swinging(), 30)
     assert np.ptp(even[-1][capacities[-1] > 0.0]) > 1e-2
 

@@ -5,8 +5,6 @@ import pytest
 from tests.cases import checked
 from tests.cases.tiers import cases_of
 
-pytestmark = pytest.mark.long_runs
-
 
 @pytest.mark.parametrize("name", cases_of("clumps"))
 def test_case(name):

@@ -5,9 +5,7 @@ import pytest
 from tests.cases import checked
 from tests.cases.tiers import cases_of
 
-pytestmark = pytest.mark.long_runs
 
-
-@pytest.mark.parametrize("name", cases_of("moving walls"))
+@pytest.mark.parametrize("name", cases_of("moving walls", long_runs=True))
 def test_case(name):
     checked(name)
