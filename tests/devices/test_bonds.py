@@ -14,7 +14,7 @@ from jaxdem.errors import InputError
 from jaxdem.particles.bond_state import INTACT
 from jaxdem.setup.builder import build_case
 from tests.cases.slabs import apart
-from tests.cases.tiers import COMBINATION
+from tests.cases.tiers import COMBINATION, tiered
 from tests.devices.test_meshes import stepped
 
 RADIUS = 5e-3
@@ -78,26 +78,30 @@ def tables_of_all():
     return tables
 
 
+HALF = {"time": {"end": 0.03, "output_interval": 0.03}}
+
+
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory):
-    """The whole run on one device; on two, stopped in the middle and resumed on two, and on one."""
-    out, tables = tmp_path_factory.mktemp("bonds"), tables_of_all()
-    half = jaxdem.load_scene(tables | {"time": {"end": 0.03, "output_interval": 0.03}})
-    one = jaxdem.simulate(jaxdem.load_scene(tables), out / "one")
-    jaxdem.simulate(half, out / "two", devices=2)
-    shutil.copytree(out / "two", out / "back")
-    two = jaxdem.simulate(jaxdem.load_scene(tables), out / "two", devices=2, resume=True)
-    back = jaxdem.simulate(jaxdem.load_scene(tables), out / "back", resume=True)
-    return one, two, back
+def whole(tmp_path_factory):
+    """The run on one device."""
+    return jaxdem.simulate(jaxdem.load_scene(tables_of_all()), tmp_path_factory.mktemp("whole") / "run")
 
 
-@pytest.mark.parametrize("number", [1, 2])
-def test_plates_that_break_are_those_of_one_device(runs, number):
-    """The same bonds have broken or gone with a grain, also those of which both have gone, the others carry the same
-    loads, and the balance of energy is the same."""
-    one, other = runs[0], runs[number]
-    if number == 1:
-        assert other.summary["devices"]["migrations"] > 2
+@pytest.fixture(scope="module")
+def halves(tmp_path_factory):
+    """Its first half, on one device and on two."""
+    out, scene = tmp_path_factory.mktemp("halves"), jaxdem.load_scene(tables_of_all() | HALF)
+    return [jaxdem.simulate(scene, out / str(number), devices=number) for number in (1, 2)]
+
+
+@pytest.mark.parametrize("number", tiered([1, 2], first=[1]))
+def test_plates_that_break_are_those_of_one_device(whole, halves, number, tmp_path):
+    """On two devices up to the middle, and resumed on one or two: the same bonds have broken or gone with a grain, also
+    those of which both have gone, the others carry the same loads, and the balance of energy is the same."""
+    assert halves[1].summary["devices"]["migrations"] > 2
+    shutil.copytree(halves[1].path, tmp_path / "run")
+    scene = jaxdem.load_scene(tables_of_all())
+    one, other = whole, jaxdem.simulate(scene, tmp_path / "run", devices=number, resume=True)
     told, same = one.summary["bonds"], other.summary["bonds"]
     assert 0 < told["intact"] < told["made"] - 3 and told["left"] > 3
     assert {name: told[name] for name in told if name != "energy"} == {n: same[n] for n in same if n != "energy"}
@@ -126,11 +130,11 @@ def test_plates_that_break_are_those_of_one_device(runs, number):
     assert energy["dissipated"]["breaking"] > 1e-4 * scale and energy["dissipated"]["bond_damping"] > 1e-3 * scale
 
 
-def test_a_run_begins_from_one_in_slabs(runs):
+def test_a_run_begins_from_one_in_slabs(halves):
     """The bonds of a run on one device that begins from another, and how its grains are turned."""
     states = []
-    for run in runs[:2]:
-        tables = tables_of_all() | {"start": {"from": str(run.path)}, "time": {"end": 0.07, "output_interval": 0.01}}
+    for run in halves:
+        tables = tables_of_all() | {"start": {"from": str(run.path)}, "time": {"end": 0.04, "output_interval": 0.01}}
         states.append(build_case(jaxdem.load_scene(tables)).unsettled_state()[0].particles)
     there = np.asarray(states[0].active)
     one, other = (

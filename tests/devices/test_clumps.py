@@ -181,6 +181,7 @@ def test_walls_a_mesh_and_materials_in_space(tmp_path):
         assert abs(sums[1][name] - value) < 1e-11 * scale, name
 
 
+@COMBINATION
 def test_what_a_state_has_comes_back_unchanged():
     """Single precision, members that are not in all bodies, some of which are still to come."""
     inlet = {"side": "top", "rate": 40.0, "velocity": 0.5}

@@ -48,15 +48,22 @@ def bowl():
     return scene_of(domain=size, walls=walls, particles=particles, contact=contact, output={"energy": True})
 
 
+def compiled(simulation, *given):
+    """The program of an interval, in which nothing is gathered."""
+    program = jax.jit(simulation.step).lower(*given).compile()
+    assert "all-gather" not in program.as_text()
+    return program
+
+
 def stepped(simulation, parameters, state, neighbors, count, flows=None):
     """After so many intervals, with more room where it is needed; `flows` gets their balances of energy."""
-    step = jax.jit(lambda s, n: simulation.step(parameters, s, n))
-    assert "all-gather" not in step.lower(state, neighbors).compile().as_text()
+    program = compiled(simulation, parameters, state, neighbors)
     for _ in range(count):
-        new = step(state, neighbors)
+        new = program(parameters, state, neighbors)
         if int(failures(simulation, new[2])) & Failure.OVERFLOW:
             state, neighbors = devices.enlarged(simulation, parameters, state, neighbors, new[1])
-            new = step(state, neighbors)
+            program = compiled(simulation, parameters, state, neighbors)
+            new = program(parameters, state, neighbors)
         state, neighbors, report = new
         assert int(failures(simulation, report)) == 0
         if flows is not None:

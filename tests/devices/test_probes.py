@@ -1,7 +1,5 @@
-"""Chains of runs on several devices and what they measure beside frames, and a start from one of them, against one
-device."""
-
-import copy
+"""Runs on several devices and what they measure beside frames, a start from one of them, and chains of runs, against
+one device."""
 
 import numpy as np
 import pytest
@@ -13,7 +11,7 @@ from tests.cases.tiers import COMBINATION
 
 ACROSS, UP = np.meshgrid(0.012 + 0.0196 * np.arange(11), 0.0099 + 0.0196 * np.arange(4), indexing="ij")
 NOISE = np.random.default_rng(2).normal(size=(ACROSS.size, 2))
-STAGED = {
+LEAN = {
     "precision": "float64",
     "domain": {"size": [0.24, 0.12], "depth": 0.02},
     "particles": {
@@ -34,7 +32,7 @@ STAGED = {
     "contact": {"young_modulus": 1e6, "friction": 0.4, "restitution": 0.6, "speed": 2.0, "skin": 0.2,
                 "rolling_friction": 0.1, "rolling_model": "epsd"},
     "output": {"energy": True},
-    "time": {"end": 0.01, "output_interval": 0.01},
+    "time": {"end": 0.03, "output_interval": 0.01},
     "probes": [
         {"name": "gate", "kind": "plane", "axis": "x", "at": 0.235, "interval": 0.01},
         {"name": "window", "kind": "plane", "axis": "z", "at": 0.05, "from": [0.05], "to": [0.2], "interval": 0.01},
@@ -42,26 +40,19 @@ STAGED = {
         {"name": "floor", "kind": "wall", "side": "bottom", "interval": 0.01},
         {"name": "contacts", "kind": "contacts", "interval": 0.01},
     ],
-    "stages": [
-        {"name": "lean", "time": {"end": 0.03}},
-        {"name": "back", "time": {"end": 0.04}, "domain": {"gravity": [-4.0, -9.0]}, "output": {"energy": False}},
-    ],
 }  # fmt: skip
 """Rows of grains of two sizes that fly to the right, the lowest along the floor, under a piston, to a gate."""
 
 
+def on_one_and_two(tables, out):
+    """The runs on one device and on two."""
+    return [jaxdem.simulate(jaxdem.load_scene(tables), out / str(number), devices=number) for number in (1, 2)]
+
+
 @pytest.fixture(scope="module")
-def chains(tmp_path_factory):
-    """The same stages on one device and on two."""
-    out = tmp_path_factory.mktemp("chains")
-    for number in (1, 2):
-        jaxdem.simulate(jaxdem.load_scene(STAGED), out / str(number), devices=number)
-    return out
-
-
-def loaded(chains, stage):
-    """A stage on one device and on two."""
-    return [jaxdem.load_run(chains / str(number) / stage) for number in (1, 2)]
+def runs(tmp_path_factory):
+    """The same scene on one device and on two."""
+    return on_one_and_two(LEAN, tmp_path_factory.mktemp("runs"))
 
 
 def require_same(one, other, tolerance):
@@ -87,10 +78,10 @@ def require_same_frames(one, other, tolerance):
         assert close, name
 
 
-def test_probes_of_grains(chains):
+def test_probes_of_grains(runs):
     """Grains go through slabs, a rectangle and a plane before the exit; contacts and profiles lie on both sides of a
     border."""
-    one, other = loaded(chains, "lean")
+    one, other = runs
     require_same(one, other, 1e-12)
     told, removed = other.summary["devices"], one.history["removed"][-1]
     assert told["migrations"] > 0 and 0 < removed <= one.probes["gate"]["number"].sum()
@@ -101,10 +92,10 @@ def test_probes_of_grains(chains):
     assert np.abs(one.probes["floor"]["force_z"]).min() > 0.0
 
 
-def test_balance_of_energy(chains):
+def test_balance_of_energy(runs):
     """Every store, work and loss is that of one device: of contacts across borders, grains that come, leave and go to
     other slabs, a piston, and a gate that goes while grains press on it. Nothing is missing."""
-    one, other = (run.summary["energy"] for run in loaded(chains, "lean"))
+    one, other = (run.summary["energy"] for run in runs)
     scale = sum(one["end"].values())
     for group in ("start", "end", "work", "dissipated"):
         assert one[group].keys() == other[group].keys()
@@ -119,24 +110,28 @@ def test_balance_of_energy(chains):
         assert one["dissipated"][name] > 1e-4 * scale, name
 
 
-def test_stages_do_what_they_do_on_one_device(chains):
-    one, other = loaded(chains, "back")
+@COMBINATION
+def test_stages_do_what_they_do_on_one_device(tmp_path):
+    """Gravity turns, and no energy is asked for any more."""
+    first = {"name": "lean", "time": LEAN["time"]}
+    second = {"name": "back", "time": {"end": 0.04}, "domain": {"gravity": [-4.0, -9.0]}, "output": {"energy": False}}
+    staged = LEAN | {"time": {"end": 0.01, "output_interval": 0.01}, "stages": [first, second]}
+    one, other = on_one_and_two(staged, tmp_path)
+    assert other.path == tmp_path / "2" / "back"
     assert other.summary["devices"]["number"] == 2 and other.summary["complete"]
     require_same_frames(one, other, 1e-10)
     require_same(one, other, 1e-9)
     for name in ("removed", "wall_0_displacement"):
         np.testing.assert_allclose(other.history[name], one.history[name], rtol=1e-10)
-    resumed = jaxdem.simulate(jaxdem.load_scene(STAGED), chains / "2", devices=2, resume=True)
-    assert resumed.path == chains / "2" / "back"
+    resumed = jaxdem.simulate(jaxdem.load_scene(staged), tmp_path / "2", devices=2, resume=True)
+    assert resumed.path == other.path
 
 
-def test_a_run_on_one_device_begins_from_one_on_two(chains):
+def test_a_run_on_one_device_begins_from_one_on_two(runs):
     """State, springs of contacts and what came in are those of a start from one device."""
     states = []
-    for number in (1, 2):
-        tables = copy.deepcopy(STAGED) | {"start": {"from": str(chains / str(number) / "lean")}}
-        del tables["stages"]
-        tables["time"] = {"end": 0.05, "output_interval": 0.01}
+    for run in runs:
+        tables = LEAN | {"start": {"from": str(run.path)}, "time": {"end": 0.05, "output_interval": 0.01}}
         state, neighbors = build_case(jaxdem.load_scene(tables)).initial_state()
         states.append((state, jaxdem.devices.contacts.contacts_of_list(state.particles.contact_spring, neighbors)))
     (one, of_one), (other, of_two) = states

@@ -56,7 +56,7 @@ young_modulus = 1e6
 friction = 0.4
 restitution = 0.6
 [time]
-end = 0.2
+end = 0.12
 output_interval = 0.01
 [output]
 checkpoint_interval = 1e-3
@@ -194,7 +194,7 @@ def alive(process):
 
 
 @pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="finds the processes in /proc")
-def test_two_processes_are_killed_and_stopped_and_go_on(scene, on_two, tmp_path):
+def test_two_processes_of_which_one_is_held_or_killed_go_on(scene, on_two, tmp_path):
     out = tmp_path / "run"
     # Held before they compile: the other one has not heard of it for 5 s.
     launcher, processes = started(scene, out, ready=(out / "scene.toml").is_file, JAXDEM_HEARTBEAT="5")
@@ -211,12 +211,6 @@ def test_two_processes_are_killed_and_stopped_and_go_on(scene, on_two, tmp_path)
     assert launcher.returncode == 1 and time.monotonic() - begin < 10, "they do not wait for its heartbeat"
     assert messages(said) == 1 and "Process 1 of 2 was ended by signal 9" in said and "--resume" in said
     assert shown == "" and not any(map(alive, processes))
-
-    launcher, processes = started(scene, out, "--resume")
-    os.kill(processes[1], signal.SIGINT)  # one of them alone: all stop
-    shown, said = launcher.communicate(timeout=60)
-    assert launcher.returncode == 130 and messages(said) == 1 and "checkpoint" in said
-    assert not any(map(alive, processes)) and frames(out) < on_two.number_of_frames
 
     codes, shown, said = by_srun("run", scene, "--out", out, "--resume")
     assert codes == [0, 0], said
@@ -302,6 +296,21 @@ def test_two_processes_with_grains_of_wide_sizes_go_on_bit_for_bit(tmp_path):
     assert max(largest_difference(run, two).values()) == 0.0
     for name, column in two.history.items():
         np.testing.assert_array_equal(run.history[name], column, err_msg=name)
+
+
+@COMBINATION
+@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="finds the processes in /proc")
+def test_a_signal_to_one_of_two_processes_stops_both_with_a_checkpoint(scene, on_two, tmp_path):
+    out = tmp_path / "run"
+    launcher, processes = started(scene, out)
+    os.kill(processes[1], signal.SIGINT)
+    shown, said = launcher.communicate(timeout=60)
+    assert launcher.returncode == 130 and messages(said) == 1 and "checkpoint" in said
+    assert not any(map(alive, processes)) and frames(out) < on_two.number_of_frames
+    done = command("run", scene, "--out", out, "--processes", 2, "--resume", "--quiet")
+    assert done.returncode == 0, done.stderr
+    run = load_run(out)
+    assert max(largest_difference(run, on_two).values()) == 0.0 and run.summary["energy"] == on_two.summary["energy"]
 
 
 def test_a_message_comes_once(scene, tmp_path):

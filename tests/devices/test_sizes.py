@@ -211,6 +211,7 @@ def test_what_a_ghost_keeps_comes_with_it(monkeypatch):
     assert len(set(found)) + 10 < len(found) and len(copies()) == len(set(found))
 
 
+@COMBINATION
 def test_checkpoints_of_lists_by_levels():
     """In slabs bit for bit, on one device with the same contacts, and from slabs that had one table for all sizes."""
     case = build_case(pack())

@@ -147,7 +147,7 @@ def dam_in_space():
 @pytest.mark.parametrize(
     ("tables", "number", "axis", "intervals"),
     [
-        (ROLLING, 2, 0, 30),
+        pytest.param(ROLLING, 2, 0, 30, marks=COMBINATION),
         pytest.param(ROLLING, 4, 1, 30, marks=COMBINATION),
         pytest.param(falling_grains(), 3, 1, 30, marks=COMBINATION),
         pytest.param(dam_in_space(), 2, 0, 30, marks=COMBINATION),

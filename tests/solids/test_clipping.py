@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from jaxdem.solids.clipping import of_simplex, positive_part
+from tests.cases.tiers import tiered
 
 
 def mesh(cells, size=1.0):
@@ -66,18 +67,24 @@ def test_mean_distance_of_the_open_part_of_an_edge():
     assert part.integral == pytest.approx([0.75 * 1.5, 0.0, 1.5, 0.0])
 
 
-def test_slopes_by_the_offset_of_a_plane_are_areas():
-    x = [jnp.asarray(a) for a in mesh((4, 4, 4))]
-    n = np.array([0.3, -0.5, 0.81])
+@pytest.mark.parametrize("dimension", tiered([2, 3], first=[2]))
+def test_slopes_by_the_offset_of_a_plane_are_areas(dimension):
+    axes = tuple(range(dimension))
+    x = [jnp.asarray(a) for a in mesh((4,) * dimension)]
+    n = np.array([0.3, -0.5, 0.81][-dimension:])
     n = n / np.linalg.norm(n)
+    offset = {2: 0.08, 3: 0.31}[dimension]
 
+    @jax.jit
     def volume(offset):
         distance = sum(a * b for a, b in zip(n, x, strict=True)) - offset
-        return jnp.mean(positive_part(distance, (0, 1, 2)).fraction)
+        return jnp.mean(positive_part(distance, axes).fraction)
 
-    value, slope = jax.value_and_grad(volume)(0.31)
+    both = jax.jit(jax.value_and_grad(volume))
+    value, slope = both(offset)
     step = 1e-5
-    assert float(slope) == pytest.approx(float(volume(0.31 + step) - volume(0.31 - step)) / (2 * step), rel=1e-6)
-    assert np.isfinite(jax.grad(volume)(5.0))
-    host = positive_part(sum(a * np.asarray(b) for a, b in zip(n, x, strict=True)) - 0.31, (0, 1, 2))
+    difference = float(volume(offset + step) - volume(offset - step)) / (2 * step)
+    assert float(slope) == pytest.approx(difference, rel=1e-6) and slope < 0.0
+    assert np.isfinite(both(5.0)[1])
+    host = positive_part(sum(a * np.asarray(b) for a, b in zip(n, x, strict=True)) - offset, axes)
     assert float(value) == pytest.approx(host.fraction.mean(), rel=1e-13)
