@@ -28,6 +28,7 @@ from jaxdem.fluid.grid import Grid, divergence
 from jaxdem.fluid.inlet import LinearTable, Parabola
 from jaxdem.fluid.side_conditions import FreeSlip
 from tests.cases.flows import random_faces
+from tests.cases.tiers import COMBINATION
 
 
 def box(cells, kinds, periodic=(False, False), velocity=None, **patch):
@@ -227,7 +228,7 @@ def test_limiter_is_zero_at_extrema_exact_on_lines_and_bounded():
     assert not np.any(Upwind().to_surfaces(a, b))
 
 
-@pytest.mark.parametrize("cells", [(4, 5), (3, 4, 7)], ids=["2-D", "3-D"])
+@pytest.mark.parametrize("cells", [(4, 5), pytest.param((3, 4, 7), marks=COMBINATION)], ids=["2-D", "3-D"])
 @pytest.mark.parametrize("upper", [False, True])
 def test_an_inlet_brings_the_momentum_of_its_patch_on_any_mesh(cells, upper):
     """What comes in by the surfaces next to the inlet is speed^2 times its area, also where the patch ends within

@@ -158,7 +158,7 @@ def test_what_comes_in_through_a_side_is_of_its_phase():
     np.testing.assert_allclose(later[4:, [0, 2]], 0.0, atol=1e-12)
 
 
-@pytest.mark.parametrize("dtype", (jnp.float32, jnp.float64))
+@pytest.mark.parametrize("dtype", tiered([jnp.float32, jnp.float64], first=[jnp.float32]))
 def test_slopes_are_finite_and_those_of_the_flow(dtype):
     """Over full, empty and cut cells and faces at rest: the liquid's place by its speed, against differences."""
     grid = Grid((8, 8), (0.8, 0.8), 1.0, (True, True))

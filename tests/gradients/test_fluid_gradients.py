@@ -9,11 +9,12 @@ import pytest
 
 import jaxdem
 from jaxdem.closures import SubgridClosure
+from tests.cases.tiers import tiered
 
 TIMES = (0.0, 0.02, 0.05)
 
 
-@pytest.mark.parametrize("learned", [False, True])
+@pytest.mark.parametrize("learned", tiered([False, True], first=[True]))
 def test_gradient_by_subgrid_coefficients_and_velocities_in_time(learned):
     """Of the kinetic energy after four steps of a jet into still water.
 

@@ -20,6 +20,7 @@ from jaxdem.run.parts.energy import energy_now
 from jaxdem.setup.builder import build_case
 from jaxdem.setup.shapes import principal_axes
 from tests.cases.clumps import BENT, ROD, built, impulse_on_floor, momenta, two_bodies
+from tests.cases.tiers import tiered
 
 
 @pytest.fixture(scope="module")
@@ -257,7 +258,7 @@ def whole(high, low):
     return np.stack([np.asarray(h, float) + (0.0 if t is None else np.asarray(t, float)) for h, t in parts])
 
 
-@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("dimension", tiered([2, 3], first=[3]))
 def test_float32_keeps_the_digits_of_small_turns(dimension):
     """Members before and after a turn of 1e-5 rad, in pairs of floats, against float64."""
     rng = np.random.default_rng(5)

@@ -42,7 +42,11 @@ def pair(place, law):
     )  # fmt: skip
 
 
-@pytest.fixture(scope="module", params=[HertzMindlin(), LinearSpringDashpot()], ids=["hertz", "linear"])
+@pytest.fixture(
+    scope="module",
+    params=[HertzMindlin(), pytest.param(LinearSpringDashpot(), marks=COMBINATION)],
+    ids=["hertz", "linear"],
+)
 def differentiated(request):
     """Compiled: sums of where two particles are after three steps, and gradients by start and constants."""
     static = pair("apart", request.param)
@@ -231,7 +235,7 @@ def test_rolling_dashpots_of_fine_powder_in_single_precision():
     [
         pytest.param(RADIUS, 0.0, id="one radius, list kept", marks=COMBINATION),
         pytest.param(RADIUS, 3e3, id="one radius, list rebuilt", marks=COMBINATION),
-        pytest.param((RADIUS, 1.5 * RADIUS), 0.0, id="two radii, list kept"),
+        pytest.param((RADIUS, 1.5 * RADIUS), 0.0, id="two radii, list kept", marks=COMBINATION),
         pytest.param((RADIUS, 1.5 * RADIUS), 3e3, id="two radii, list rebuilt"),
     ],
 )

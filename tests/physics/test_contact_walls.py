@@ -133,7 +133,7 @@ def test_a_rod_carries_a_sphere_on_its_top():
 # --- A wedge -------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("half_angle", [20.0, 45.0, 70.0])
+@pytest.mark.parametrize("half_angle", tiered([20.0, 45.0, 70.0], first=[20.0]))
 def test_a_ball_in_a_wedge_rests_on_both_planes(half_angle):
     """Either plane carries m g / (2 sin(half angle)): overlaps of that force by Hertz's law."""
     half = np.deg2rad(half_angle)
@@ -150,7 +150,7 @@ def test_a_ball_in_a_wedge_rests_on_both_planes(half_angle):
 # --- The sides of the box ------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
+@pytest.mark.parametrize("dtype", tiered([jnp.float32, jnp.float64], first=[jnp.float64]))
 def test_planes_on_the_sides_of_the_box_do_what_the_sides_do(dtype):
     """A ball that is thrown into a corner, with spin and friction: the same numbers, bit for bit."""
     planes = (
