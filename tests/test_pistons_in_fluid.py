@@ -138,7 +138,8 @@ def test_a_piston_within_a_wall_ahead_is_refused_and_a_gate_there_is_looked_at_a
     assert piston.apart == ((1, 1), (3, 3)) and piston.along == ((2, 2),)
 
 
-@pytest.mark.parametrize("x", tiered([0.05, 0.09], first=[0.05]))
+@COMBINATION
+@pytest.mark.parametrize("x", [0.05, 0.09])
 def test_a_gate_that_comes_where_a_piston_stands_stops_the_run(x, tmp_path):
     """Where the scene has the piston, and where it has come to: at 0.04 s, by 2 N before 1.4 kg."""
     given = before_column(0.01)

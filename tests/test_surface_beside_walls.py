@@ -77,6 +77,7 @@ def grains_on_a_floor():
     }
 
 
+@COMBINATION
 def test_grains_as_heavy_as_the_liquid_stay_at_rest_between_walls():
     """Beside a floor and a slope, where their void fraction is uneven: neither they nor the fluids move."""
     scene = grains_on_a_floor()

@@ -241,7 +241,8 @@ def test_meshes_that_cannot_be_meant_are_refused(tmp_path):
         tables = grains_scene([{"kind": "mesh", "file": sound, **place}], free, particles={"inlet": [inlet]})
         with pytest.raises(InputError, match=r"particles\.inlet\.0.*walls\.0"):
             flight(tables, 1)
-    assert len(flight(grains_scene([{"kind": "mesh", "file": twice, **place, "repair": True}], free), 1).position)
+    repaired = grains_scene([{"kind": "mesh", "file": twice, **place, "repair": True}], free)
+    build_case(jaxdem.load_scene(repaired)).initial_state()
 
 
 @COMBINATION
@@ -277,9 +278,15 @@ def test_a_resumed_run_is_the_same_bit_for_bit_and_loads_are_measured(planes):
     assert float(load.mass[0][-1]) == pytest.approx(2.0 * weight / 9.81, rel=1e-5)
 
 
-def test_the_slope_by_friction_is_that_of_differences(planes):
-    position = [[0.31, 0.4, HEIGHT + 0.0199], [0.62, 0.7, HEIGHT + 0.0199]]
-    scene = jaxdem.load_scene(grains_scene([on_mesh(planes[200])], position, velocity=[[0.9, 0.1, 0.0]] * 2))
+@pytest.mark.parametrize("dimension", tiered([2, 3], first=[2]))
+def test_the_slope_by_friction_is_that_of_differences(planes, dimension):
+    across = [[0.4], [0.7]] if dimension == 3 else [[], []]
+    position = [[x, *y, HEIGHT + 0.0199] for x, y in zip((0.31, 0.62), across, strict=True)]
+    floor = on_mesh(planes[200])
+    if dimension == 2:
+        floor = {"kind": "mesh", "points": [[x, HEIGHT] for x in (-0.5, 0.318, 0.7, 1.5)]}
+    velocity = [[0.9, *[0.1] * (dimension - 2), 0.0]] * 2
+    scene = jaxdem.load_scene(grains_scene([floor], position, velocity=velocity, domain={"size": [1.0] * dimension}))
     case = build_case(scene)
     simulation, (state, neighbors) = case.simulation.reversible(), case.initial_state()
 
