@@ -38,7 +38,7 @@ from jaxdem.fluid.fluid_state import FluidProperties, FluidState, FluidStep, Par
 from jaxdem.fluid.grid import CellOrOne, FaceField, face_average, face_control_volume, sum_of_fields
 from jaxdem.fluid.momentum_step import or_one
 from jaxdem.fluid.projection import product
-from jaxdem.fluid.second_fluid import SecondFluid, fluidity, inflow_of_sides, mixture_density, through_sides
+from jaxdem.fluid.second_fluid import SecondFluid, fluidity, inflow_of_sides, mass_flux, mixture_density, through_sides
 from jaxdem.fluid.step_loads import StepLoads
 from jaxdem.fluid.two_fluids import BalanceOnFaces, TwoFluidSolver
 from jaxdem.fluid.volume_of_fluid import Carrier, advance_fraction
@@ -82,15 +82,12 @@ class CutTwoFluidSolver(TwoFluidSolver):
         if void_fraction is not None:
             flux = continuity.corrected(flux)
         fraction, liquid_flux = self._carried_between_walls(second, state, flux, (time, time_step), void_fraction, cut)
-        mass_flux = tuple(
-            second.density * f + (properties.density - second.density) * c
-            for f, c in zip(flux, liquid_flux, strict=True)
-        )
+        carried_mass = mass_flux(second, properties.density, flux, liquid_flux)
         sides, whole = self.sides(properties, time), whole_control_volumes(grid, cut)
         old = self._content(properties, cut, required(state.liquid_fraction, "liquid_fraction"), state.void_fraction)
         new = self._content(properties, cut, fraction, void_fraction)
         carried, into = carried_beside_walls(
-            grid, sides, self.advection, mass_flux, velocity, (old, whole), time_step, cut
+            grid, sides, self.advection, carried_mass, velocity, (old, whole), time_step, cut
         )
         faces = self._open_faces(properties, fraction, particles)
         inertia = tuple(

@@ -63,6 +63,17 @@ def mixture_density(second: SecondFluid, density: Array, fraction: Array) -> Arr
     return second.density + fraction * (density - second.density)
 
 
+def mass_flux(second: SecondFluid, density: Array, flux: FaceField, liquid_flux: FaceField) -> FaceField:
+    """Flux of mass through the faces, rho_2 f + (rho_1 - rho_2) f_1 [kg/(m2 s)].
+
+    Args:
+        second: the second fluid.
+        density: of the liquid [kg/m3].
+        flux, liquid_flux: f of both fluids together, and f_1 of the liquid [m/s].
+    """
+    return tuple(second.density * f + (density - second.density) * c for f, c in zip(flux, liquid_flux, strict=True))
+
+
 def fluidity(second: SecondFluid, density: Array, viscosity: Array, fraction: Array) -> Array:
     """1/mu of the content of cells [1/(Pa s)]; density and kinematic viscosity are those of the liquid."""
     heavy, light = 1.0 / (density * viscosity), 1.0 / (second.density * second.viscosity)

@@ -41,6 +41,7 @@ from jaxdem.fluid.second_fluid import (
     SecondFluid,
     fluidity,
     inflow_of_sides,
+    mass_flux,
     mixture_density,
     through_sides,
     with_closed_sides,
@@ -97,16 +98,13 @@ class TwoFluidSolver(FluidSolver):
             flux = continuity.corrected(flux)
         fraction, liquid_flux = self._carried_fraction(second, state, flux, (time, time_step), void_fraction)
         faces = self._faces(properties, fraction, particles)
-        mass_flux = tuple(
-            second.density * f + (properties.density - second.density) * c
-            for f, c in zip(flux, liquid_flux, strict=True)
-        )
+        carried_mass = mass_flux(second, properties.density, flux, liquid_flux)
         sides = self.sides(properties, time)
         old = self._mass(properties, required(state.liquid_fraction, "liquid_fraction"), state.void_fraction)
         # Of the stage: the prediction would compute it anew for every face that it needs it for.
         carried = stage(
             time_step > 0.0,
-            lambda: carried_momentum(grid, sides, self.advection, mass_flux, state.face_velocity, old, time_step),
+            lambda: carried_momentum(grid, sides, self.advection, carried_mass, state.face_velocity, old, time_step),
         )
         stress = self._stress(properties, fraction, state.face_velocity, time)
         contents = (or_one(state.void_fraction), or_one(void_fraction)), fraction
