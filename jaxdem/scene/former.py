@@ -25,7 +25,8 @@ def with_former(tables: dict[str, Any], former: Mapping[str, Any]) -> dict[str, 
         former: tables of the scene of the run that it begins from, every default written out.
 
     Raises:
-        InputError: another number of dimensions, or a key of `[particles]` that differs.
+        InputError: another number of dimensions, a key of `[particles]` that differs, or materials that its particles
+            have not.
     """
     from jaxdem.io.scene_text import comes_and_goes  # with h5py, which other scenes do without
 
@@ -37,6 +38,10 @@ def with_former(tables: dict[str, Any], former: Mapping[str, Any]) -> dict[str, 
             raise InputError("domain.size", domain["size"], limit, "give as many sides as that run has")
         if len(domain["size"]) == 2 and "depth" in before:
             domain = {"depth": before["depth"], **domain}
+    materials = tables.get("materials")
+    if isinstance(materials, list) and materials and former.get("particles") and not former.get("materials"):
+        limit = f"the particles of the run {name} have no material"
+        raise InputError("materials", f"{len(materials)} tables", limit, "remove [[materials]]")
     particles = _particles(tables.get("particles"), former.get("particles"), name)
     known = {"domain": domain, "particles": particles}
     if former.get("bonds"):
@@ -77,9 +82,8 @@ def remembered(own: Mapping[str, Any]) -> dict[str, Any]:
     """
     particles = {key: value for key, value in own.get("particles", {}).items() if key not in OWN_KEYS}
     known: dict[str, Any] = {"domain": own.get("domain", {}), "start": {"absent": own["start"].get("absent", False)}}
-    return (
-        known | ({"particles": particles} if particles else {}) | ({"bonds": own["bonds"]} if own.get("bonds") else {})
-    )
+    kept = {name: own[name] for name in ("bonds", "materials") if own.get(name)}
+    return known | ({"particles": particles} if particles else {}) | kept
 
 
 def _particles(given: object, before: Mapping[str, Any] | None, name: object) -> object:
