@@ -233,7 +233,8 @@ class Structure:
 
     def wall_velocity(self, parameters: Parameters, time: Array) -> tuple[Array, ...]:
         """(D,) velocity of every wall at a time [m/s]; moving sides of the box drag grains along too."""
-        still = jnp.zeros_like(parameters.gravity)
+        gravity = parameters.gravity  # of a scene in which it changes with time one for each of the times
+        still = jnp.zeros_like(gravity, shape=gravity.shape[-1:])
         if self.contact is None:
             return ()
         model = self.contact.model

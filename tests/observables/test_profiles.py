@@ -247,3 +247,20 @@ def test_means_of_the_fluid_take_the_part_of_each_cell(fluid):
     np.testing.assert_allclose(profile.superficial_velocity[1], weighted / (12 * 2.25), rtol=1e-12)
     pressure = (np.asarray(state.fluid.pressure) * part).sum() / (12 * 2.25)
     np.testing.assert_allclose(profile.pressure[1], pressure, rtol=1e-12)
+
+
+def test_contacts_at_walls_under_a_gravity_that_changes():
+    """The walls at rest have one velocity each, not one for each time of the gravity: profiles and tables of contacts
+    ended with an error."""
+    turned = {"gravity_times": [0.0, 1.0], "gravity": [[0.0, -9.81], [9.81, 0.0]]}
+    tables = {
+        "domain": {"size": [0.1, 0.1], "depth": 0.02} | turned,
+        "particles": {"radius": 0.01, "density": 2500.0, "position": [[0.05, 0.0099], [0.05, 0.0297], [0.08, 0.05]]},
+        "contact": {"young_modulus": 1e6, "speed": 1.0},
+        "time": {"end": 0.01, "output_interval": 0.01},
+    }
+    scene = jaxdem.load_scene(tables)
+    simulation, parameters = jaxdem.build(scene)
+    start = jaxdem.initial_state(scene, simulation, parameters)
+    found = jax.eval_shape(lambda *given: contacts(simulation, *given), parameters, *start)
+    assert found.walls.overlap.shape == (4, 3)
