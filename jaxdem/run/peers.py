@@ -6,11 +6,11 @@ collectives; `devices.meeting` says why.
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import dataclasses
 import os
 import threading
-import time as clock
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
@@ -125,13 +125,23 @@ class Peers:
 
     def watch(self, failed: Callable[[str], None]) -> None:
         """From now on a thread calls `failed` with the message when a process has reported one."""
+        ended = threading.Event()
 
         def look() -> None:
             while (message := self.reported()) is None:
-                clock.sleep(LOOK)
+                if ended.wait(LOOK):
+                    return
             failed(message)
 
-        threading.Thread(target=look, daemon=True).start()
+        thread = threading.Thread(target=look, daemon=True)
+        thread.start()
+
+        def stop() -> None:
+            ended.set()
+            thread.join(FAREWELL)
+
+        # A thread inside of JAX's client, which is C++, would end the process by a signal when the interpreter ends.
+        atexit.register(stop)
 
     def part(self) -> None:
         """Before an end with an error: the first process, whose end is the end of all, goes last."""

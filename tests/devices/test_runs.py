@@ -8,6 +8,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -25,6 +26,7 @@ from jaxdem.cli.launch import Outcome
 from jaxdem.cli.main import app
 from jaxdem.errors import InputError
 from jaxdem.io import load_run
+from jaxdem.run import peers
 from jaxdem.run.peers import heartbeat
 from tests.cases.tiers import COMBINATION
 
@@ -478,3 +480,25 @@ def test_devices_of_one_processor_wait_for_each_other(monkeypatch):
         flags = dict(one.split("=") for one in os.environ["XLA_FLAGS"].split())
         assert flags["--xla_cpu_collective_call_terminate_timeout_seconds"] == str(expected)
         assert flags["--xla_cpu_collective_call_warn_stuck_timeout_seconds"] == "300"
+
+
+def test_who_looks_for_failures_of_others_ends_before_the_interpreter(monkeypatch):
+    """Else the thread may be inside of JAX's client then, and the process ends by a signal after its work."""
+    looks, at_exit, found = threading.Event(), [], []
+
+    def look(self):
+        looks.set()
+
+    monkeypatch.setattr(peers.Peers, "reported", look)
+    monkeypatch.setattr(peers.atexit, "register", at_exit.append)
+    before = set(threading.enumerate())
+    peers.Peers(1, 2).watch(found.append)
+    (thread,) = set(threading.enumerate()) - before
+    assert looks.wait(10.0) and thread.is_alive()
+    (stop,) = at_exit
+    stop()
+    assert not thread.is_alive() and not found
+    monkeypatch.setattr(peers.Peers, "reported", lambda self: "a process ran out of memory")
+    peers.Peers(1, 2).watch(found.append)
+    at_exit[-1]()
+    assert found == ["a process ran out of memory"]
