@@ -10,7 +10,7 @@ import pytest
 
 import jaxdem
 from jaxdem.closures import KochHill
-from jaxdem.coupling import exchange
+from jaxdem.coupling import exchange, further_impulses
 from jaxdem.run.compile_time import CompileClock
 from jaxdem.run.profile import exchange_pieces
 from jaxdem.run.totals import Totals
@@ -135,10 +135,14 @@ def test_the_coupling_stage_transfers_as_often_as_a_fluid_step(monkeypatch, forc
     """Deposits on faces and reads of them, counted in a fluid step of the exchange and in what is timed for
     `stages_s.coupling`."""
     counted = []
-    for name in ("deposit_on_faces", "interpolate_faces", "interpolate"):
-        function = getattr(exchange, name)
+    for module, name in (
+        (exchange, "deposit_on_faces"),
+        (exchange, "interpolate_faces"),
+        (further_impulses, "interpolate"),
+    ):
+        function = getattr(module, name)
         monkeypatch.setattr(
-            exchange, name, lambda *given, name=name, function=function: counted.append(name) or function(*given)
+            module, name, lambda *given, name=name, function=function: counted.append(name) or function(*given)
         )
     scene = jaxdem.load_scene(SCENE, force)
     simulation, parameters = jaxdem.build(scene)
