@@ -95,6 +95,8 @@ def with_long_step(case: Case) -> Case:
 
 LONG = with_long_step(Case(0.2, seed=2, times=52, samples=3))
 """A further fine run, for the mean."""
+DENSE = tuple(with_long_step(Case(0.2, seed=seed, times=80)) for seed in (3, 4))
+"""Longer ones where the slip comes and goes with the clusters, so that its mean needs many relaxation times."""
 SEEN_ON = (
     Seen(Case(0.05, seed=2, times=36, samples=0.1), draws=8, dropped=6),
     Seen(with_long_step(Case(0.01, times=30, samples=0.1)), draws=16, dropped=6),
@@ -130,6 +132,7 @@ def plan() -> dict[str, list[Case]]:
     ]
     return {
         "fine": [*(fine(s, seed) for seed in SEEDS for s in FRACTIONS), LONG],
+        "dense": [*DENSE],
         "training": [one.case for one in SEEN_ON],
         "longer": [one.case for one in LONGER_ON],
         "mesh": [*small, *checks],
@@ -144,6 +147,10 @@ def plan() -> dict[str, list[Case]]:
         "smaller_none": [coarse(s, 24.0, parcel=2) for s in FRACTIONS],
         "nudged": [coarse(s, 24.0, model, 4, seed) for s in FRACTIONS for seed in SEEDS for model in FITTED],
         "nudged_longer": [coarse(s, 24.0, m, 4, seed) for m in LONGER_FITTED for s in FRACTIONS for seed in SEEDS],
+        "between": [
+            with_long_step(Case(0.1, seed=3, times=80)),
+            *(coarse(0.1, 24.0, m, 4, seed) for m in ("", "radl", *LONGER_FITTED) for seed in SEEDS),
+        ],
         "anew": [
             *(coarse(0.05, 24.0, model, 4, 2) for model in ("", "radl")),
             *(coarse(s, 24.0, model, 4, seed) for model in ANEW for s in FRACTIONS for seed in (0, 1, 2)),

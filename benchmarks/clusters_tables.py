@@ -38,6 +38,7 @@ SUMMARY = {
     "matched": "`wide`, matched to the slip of coarse runs at 0.01 and 0.05 (`matched`)",
     "nudged": "`wide`, of coarse runs nudged in every cell (`nudged`)",
     "nudgedbox": "`wide`, of coarse runs nudged to the slip of the box (`nudgedbox`)",
+    "longmixed": "`wide`, of longer runs, nudged to the slip of the box if thin, in every cell if dense (`longmixed`)",
 }
 """Closures of the summary, in words."""
 VARIANCES = {"solids_24": "solids", "grains_24": "grains", "gas_24": "gas"}
@@ -207,6 +208,9 @@ TABLES: dict[str, Callable[[Sequence[Row]], str]] = {
     ),
     "parcels": parcels,
     "variances": variances,
+    "between": lambda rows: one_by_one(
+        rows, [{"solid_fraction": 0.1, "cell": 24.0, "parcel": 4, "closure": c} for c in SHOWN]
+    ),
     "twelve": lambda rows: one_by_one(
         rows, [{"solid_fraction": s, "cell": 12.0, "parcel": 4, "closure": c} for s in FRACTIONS for c in SHOWN]
     ),
