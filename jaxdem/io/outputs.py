@@ -60,10 +60,11 @@ def refuse_run_folder(option: str, out: Path) -> None:
 
 
 def _is_run(folder: Path) -> bool:
-    """Whether it holds a scene as run, as a run directory does from its first second; a scene of that name by itself is
-    none. False too for a name that is too long, which is refused later."""
-    begun = any(os.path.isfile(folder / name) for name in (HISTORY, LOCK))
-    return begun and os.path.isfile(folder / SCENE)
+    """Whether it holds a scene as run and a history, as a run directory does from its first second.
+
+    A scene of that name by itself is none, nor is one beside results of several runs, whose folder has a lock too.
+    False also for a name that is too long, which is refused later."""
+    return all(os.path.isfile(folder / name) for name in (SCENE, HISTORY))
 
 
 def _files(place: Path) -> Iterator[Path]:

@@ -12,9 +12,10 @@ from vtkmodules.vtkIOHDF import vtkHDFReader
 
 from jaxdem.errors import InputError
 from jaxdem.io import checkpoint
+from jaxdem.io.access import LOCK
 from jaxdem.io.fluid_file import FluidFormat, fluid_frame
 from jaxdem.io.frames import FrameSeries
-from jaxdem.io.outputs import refuse_what_is_read
+from jaxdem.io.outputs import refuse_run_folder, refuse_what_is_read
 from jaxdem.io.particle_file import ParticleFormat, particle_frame
 from jaxdem.io.pieces import PieceSeries, Share, SharedSeries, pieces_in, regroup, series_of
 from jaxdem.io.run_folder import SCENE
@@ -142,12 +143,16 @@ def test_files_of_two_runs_in_one_folder_are_refused(tmp_path):
 
 def test_a_file_of_one_process_is_not_written_to(tmp_path):
     (tmp_path / SCENE).write_text("")
+    (tmp_path / LOCK).write_text("")  # as results of earlier commands leave it
     refuse_what_is_read("--out", tmp_path / SCENE, [])  # a scene of that name
+    refuse_run_folder("--out", tmp_path)
     (tmp_path / "history.csv").write_text("")
     for name in ("particles.2-of-4.vtkhdf", "start.h5", "walls.vtkhdf", "stages.toml"):
         (tmp_path / name).write_bytes(b"")
         with pytest.raises(InputError, match="is a file of a run"):
             refuse_what_is_read("--out", tmp_path / name, [])
+    with pytest.raises(InputError, match="is a run directory"):
+        refuse_run_folder("--out", tmp_path)
     refuse_what_is_read("--out", tmp_path / "closure.h5", [])
 
 
