@@ -26,7 +26,7 @@ class Closures(NamedTuple):
 
     Attributes:
         drag: learned drag, None for the scene's own.
-        subgrid: learned subgrid stress, None for none.
+        subgrid: learned subgrid stress, None for the scene's own.
         trained: names of those whose weights change.
     """
 
@@ -55,11 +55,13 @@ class Closures(NamedTuple):
 
     def check(self) -> None:
         """Raise InputError where nothing is trained, or something that there is not."""
+        given = [name for name in ("drag", "subgrid") if getattr(self, name) is not None]
         if not self.trained:
-            raise InputError("trained", "()", "names no closure", "Name drag, subgrid or both.")
+            raise InputError("trained", self.trained, "names no closure", "Name drag, subgrid or both.")
         for name in self.trained:
-            if getattr(self, name) is None:
-                raise InputError("trained", name, "is not given", f"Give {name}, or train another.")
+            if name not in given:
+                limit = f"is none of the closures that are given: {', '.join(given) or 'none'}"
+                raise InputError("trained", name, limit, "Name those of drag and subgrid that are given.")
 
 
 def few_parameters(closures: Closures) -> tuple[Array, Callable[[Array], Weights]]:

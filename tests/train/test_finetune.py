@@ -399,6 +399,13 @@ def test_a_subgrid_stress_is_trained_by_what_the_fluid_shows():
     np.testing.assert_allclose(made.best["subgrid"]["Dense_0"]["bias"], [0.8, 0.5], atol=0.2)
 
 
+@pytest.mark.parametrize("trained", [(), ("subgrid",), ("drags",), ("count",)])
+def test_closures_to_train_that_there_are_not_are_refused(trained):
+    Closures(closure_with(0.1)).check()
+    with pytest.raises(InputError, match="^trained = "):
+        Closures(closure_with(0.1), trained=trained).check()
+
+
 def test_both_closures_have_their_own_few_parameters():
     both = Closures(closure_with(0.1), stress_with([0.2, 0.3]), ("drag", "subgrid"))
     start, weights_of = few_parameters(both)
