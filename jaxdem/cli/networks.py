@@ -152,7 +152,7 @@ def evaluate(
 
 def distill(
     closure: options.Closure,
-    datasets: options.Datasets,
+    datasets: options.SampleData,
     out: ClosureOut,
     hidden: options.Hidden = None,
     seed: options.Seed = None,
@@ -183,7 +183,7 @@ def distill(
 
 def prune(
     closure: options.Closure,
-    datasets: options.Datasets,
+    datasets: options.SampleData,
     out: ClosureOut,
     neurons: options.KeptNeurons = 0.5,
     epochs: options.FurtherEpochs = None,

@@ -91,6 +91,7 @@ Datasets = Annotated[
         help="Dataset files written by `jaxdem dataset`; for --recipe neighbours one file of forces on spheres.",
     ),
 ]
+SampleData = Annotated[list[Path], Argument(metavar="DATASET", help="Dataset files written by `jaxdem dataset`.")]
 SphereData = Annotated[Path, Argument(metavar="DATA", help="File of forces on spheres (HDF5).", show_default=False)]
 Closure = Annotated[Path, Argument(metavar="CLOSURE", help="Closure file.", show_default=False)]
 FilteredClosure = Annotated[Path, Argument(metavar="CLOSURE", help="Closure file from `jaxdem train`.")]
