@@ -59,13 +59,7 @@ def mixing_index(
     if corner.shape != x.shape[1:] or not np.isfinite(corner).all():
         limit = f"must be {x.shape[1]} finite numbers"
         raise InputError("origin", origin, limit, "give one for each axis along which cells are cut [m]")
-    with np.errstate(over="ignore"):
-        places = np.floor((x - corner) / np.asarray(cell, np.float64))
-    if not (np.abs(places) < MOST_CELLS).all():
-        limit = "is too small to number the cells between the origin and the particles"
-        raise InputError("cell", cell, limit, "take larger cells, or an origin near the particles")
-    _, number = np.unique(places.astype(np.int64), axis=0, return_inverse=True)
-    number = number.reshape(-1)
+    number = _cell_numbers(x - corner, cell)
     held, of_first = np.bincount(number, size), np.bincount(number, size * first)
     whole = float(held.sum())
     share = float(of_first.sum()) / whole
@@ -76,6 +70,17 @@ def mixing_index(
         limit = f"{len(first)} particles in {len(held)} cells: chance alone parts the kinds as far as they can be"
         raise InputError("cell", cell, limit, "take larger cells")
     return (apart - found) / (apart - random)
+
+
+def _cell_numbers(x: np.ndarray, cell: float | Sequence[float]) -> np.ndarray:
+    """(N,) numbers, from 0, of the cells that hold positions (N, C) from the origin [m], of those that hold any."""
+    with np.errstate(over="ignore"):
+        places = np.floor(x / np.asarray(cell, np.float64))
+    if not (np.abs(places) < MOST_CELLS).all():
+        limit = "is too small to number the cells between the origin and the particles"
+        raise InputError("cell", cell, limit, "take larger cells, or an origin near the particles")
+    number: np.ndarray = np.unique(places.astype(np.int64), axis=0, return_inverse=True)[1].reshape(-1)
+    return number
 
 
 def _require(x: np.ndarray, first: np.ndarray, size: np.ndarray, cell: float | Sequence[float]) -> None:
