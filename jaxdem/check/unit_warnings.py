@@ -47,7 +47,6 @@ LARGEST_TENSION = 2.0
 FAST_FLUID, FAST_GRAIN = 100.0, 300.0
 """Speeds from which mm/s are more likely; at 100 m/s gases are compressible [m/s]."""
 
-
 PHASES = ("fluid", "particle")
 """What has a heat capacity in `[heat]`."""
 

@@ -23,7 +23,6 @@ from jaxdem.numerics.products import PRECISION
 
 SCALE = (0.25, 0.18, 0.01, 0.03)
 """Scatter of force along, force across, torque about and torque across before it is known, over the mean force."""
-
 SMALLEST_MULTIPLE = 0.2
 """Multiple of the mean drag under which a lower one is approached exponentially, so that the drag stays positive."""
 

@@ -57,8 +57,7 @@ def wall_functions(functions: Sequence[Callable[[Array], Array]], scene: Scene, 
         dtype: of the positions.
 
     Raises:
-        InputError: a function gives something else than one number, or NaN, or its slope at the
-            surface is not one.
+        InputError: a function gives something else than one number, or NaN, or its slope at the surface is not one.
     """
     steepest = 1.0
     for number, function in enumerate(functions):

@@ -103,11 +103,8 @@ def check_meshes(
         depth = mesh.depth(_in_body(place, position), size) / (2.0 * size)
         if is_there and len(rows) and depth.max() > allowed.part:
             index = int(np.argmax(depth))
-            deep = (
-                "lies inside of"
-                if depth[index] >= 1.0
-                else f"reaches {percent_text(depth[index])} of its diameter into"
-            )
+            part = percent_text(depth[index])
+            deep = "lies inside of" if depth[index] >= 1.0 else f"reaches {part} of its diameter into"
             raise InputError(
                 allowed.key,
                 f"particle {rows[index]} at {at_text(position[index])} m",

@@ -14,7 +14,6 @@ from jaxdem.solids.surface_mesh import SurfaceMesh
 SAME = 1e-9
 """Sum of cos^2 above 1, and cosine above 0, that count as rounding [-]."""
 
-
 STEEPEST = 20.0
 """Distance of a centre from the bottom of a valley over the radius, above which no sphere is taken to touch it [-]."""
 
