@@ -65,9 +65,9 @@ def wall_functions(functions: Sequence[Callable[[Array], Array]], scene: Scene, 
         if shape != ():
             limit = f"a distance is one number for a point ({scene.dimension},), got the shape {shape}"
             raise InputError("walls", function, limit, "return a scalar")
-        strange, slope = _looked_at(function, np.asarray(scene.domain.size, dtype))
-        if strange is not None:
-            limit = f"function {number} of walls is not a number at {strange.tolist()} m in the box"
+        undefined, slope = _sampled(function, np.asarray(scene.domain.size, dtype))
+        if undefined is not None:
+            limit = f"function {number} of walls is not a number at {undefined.tolist()} m in the box"
             raise InputError("walls", function, limit, "return a distance everywhere in the box")
         if len(slope) == 0:
             continue
@@ -101,7 +101,7 @@ def _distances(
     return distances
 
 
-def _looked_at(function: Callable[[Array], Array], size: np.ndarray) -> tuple[np.ndarray | None, np.ndarray]:
+def _sampled(function: Callable[[Array], Array], size: np.ndarray) -> tuple[np.ndarray | None, np.ndarray]:
     """(D,) a point of the box at which the distance is not a number, None where it is one at all [m]; and lengths of
     the gradient at points of the surface in the box, none where it is not met there."""
     start = (np.random.default_rng(0).random((POINTS, len(size))) * size).astype(size.dtype)
@@ -122,6 +122,6 @@ def _looked_at(function: Callable[[Array], Array], size: np.ndarray) -> tuple[np
         return first, x, distance, jnp.linalg.norm(slope, axis=1)
 
     first, x, distance, slope = map(np.asarray, approached(jnp.asarray(start)))
-    strange = np.flatnonzero(np.isnan(first))
+    undefined = np.flatnonzero(np.isnan(first))
     there = (np.abs(distance) <= ON_SURFACE * size.max()) & (x >= 0.0).all(axis=1) & (x <= size).all(axis=1)
-    return start[strange[0]] if len(strange) else None, slope[there & np.isfinite(slope)]
+    return start[undefined[0]] if len(undefined) else None, slope[there & np.isfinite(slope)]
