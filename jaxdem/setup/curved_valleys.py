@@ -137,6 +137,7 @@ def _approached(distances: Distances, pair: np.ndarray, wanted: np.ndarray, x: n
     for _ in range(STEPS):
         distance, slope = distances(x)
         off = np.take_along_axis(distance, pair, axis=1) - wanted
+        off = np.where(np.isfinite(off), off, 0.0)  # where a function is no number, there is no way to its wall
         rows = np.take_along_axis(slope, pair[:, :, None], axis=1)
         a, b, c = ((rows[:, i] * rows[:, j]).sum(axis=1) for i, j in ((0, 0), (0, 1), (1, 1)))
         a, c = a + PARALLEL**2, c + PARALLEL**2
