@@ -124,6 +124,27 @@ def test_oblique_gravity_counts_whole():
         assert found(upright)
 
 
+@pytest.mark.parametrize(
+    ("gravity", "times", "oblique"),
+    [
+        ([0.0, -9.81], None, False),
+        ([9.81, 0.0], None, False),
+        ([0.0, 0.0], None, False),
+        ([1.0, -9.81], None, True),
+        ([[0.0, -9.81], [0.0, -5.0]], [0.0, 0.01], False),
+        ([[0.0, -9.81], [1.0, -9.81]], [0.0, 0.01], True),
+        ([[0.0, -9.81], [9.81, 0.0]], [0.0, 0.01], True),
+    ],
+)
+def test_only_oblique_gravity_compiles_the_weight_at_the_surface(gravity, times, oblique):
+    """Gravity that turns from one axis to another is oblique in between. Beside walls in the mesh it is the same."""
+    domain = {"size": [0.4, 0.2], "gravity": gravity} | ({} if times is None else {"gravity_times": times})
+    wall = {"kind": "plane", "point": [0.0, 0.0], "normal": [-0.2, 1.0], "fluid": "no_slip"}
+    for walls in ([], [wall]):
+        scene = load_scene(changed(boundary={"left": {"kind": "free_slip"}}, domain=domain, walls=walls))
+        assert jaxdem.build(scene)[0].fluid.solver.oblique_gravity is oblique
+
+
 def test_the_force_on_a_side_is_refused():
     probe = {"kind": "wall", "name": "floor", "side": "bottom"}
     with pytest.raises(InputError, match="not measured"):

@@ -74,6 +74,7 @@ def _fluid_parts(scene: Scene, simulation: Simulation, parameters: Parameters) -
         (f"mesh cut by {solver.surfaces or 'the'} surfaces", solver.surfaces > 0),
         ("a second fluid with a sharp surface", isinstance(solver, TwoFluidSolver)),
         ("surface tension", isinstance(solver, TwoFluidSolver) and solver.has_tension),
+        ("weight at an oblique surface", isinstance(solver, TwoFluidSolver) and solver.oblique_gravity),
         ("inlet profile", any(side.profile is not None for side in solver.boundary.sides)),
         ("velocity of a side over time", any(side.times is not None for side in solver.boundary.sides)),
         ("coupling of particles and fluid", simulation.coupling is not None),

@@ -69,7 +69,7 @@ def _curvature(grid: Grid, fraction: Array, near: Array) -> Array:
     In stages, see `numerics.stages`: XLA would compute the heights anew for every difference, which takes ten times as
     long.
     """
-    there = _surface_there(grid, fraction)
+    there = surface_there(grid, fraction)
     normal = stage(there, lambda: surface_normal(grid, fraction))
     # Where the surface stands most steeply on an axis by its slope in lengths, not in cells.
     slopes = [jnp.abs(m) / h for m, h in zip(normal, grid.spacing, strict=True)]
@@ -98,19 +98,19 @@ def surface_tension_gradient(grid: Grid, fraction: Array, tension: Array) -> Fac
         fraction: c of the liquid on the cells [-].
         tension: () sigma [N/m].
     """
-    cells = stage(_surface_there(grid, fraction), lambda: near_surface(grid, fraction))
+    cells = stage(surface_there(grid, fraction), lambda: near_surface(grid, fraction))
     kappa, near = _curvature(grid, jnp.clip(fraction, 0.0, 1.0), cells), cells.astype(fraction.dtype)
     force = []
     for axis, h in enumerate(grid.spacing):
         slope, value, weight = (
-            _between(grid, axis, values, difference)
+            between(grid, axis, values, difference)
             for values, difference in ((fraction, True), (kappa * near, False), (near, False))
         )
         force.append(tension * (slope / h) * value / jnp.maximum(weight, 1.0))
     return tuple(force)
 
 
-def _surface_there(grid: Grid, fraction: Array) -> Array:
+def surface_there(grid: Grid, fraction: Array) -> Array:
     """() bool, whether there are both fluids."""
     return any_of(grid.blocks, jnp.any(fraction > 0.0)) & any_of(grid.blocks, jnp.any(fraction < 1.0))
 
@@ -125,7 +125,7 @@ def near_surface(grid: Grid, fraction: Array) -> Array:
     return near
 
 
-def _between(grid: Grid, axis: int, cells: Array, difference: bool) -> Array:
+def between(grid: Grid, axis: int, cells: Array, difference: bool) -> Array:
     """Difference, or sum, of the two cells of every face of an axis; zero on the sides of the box."""
     sign = -1.0 if difference else 1.0
 
@@ -157,7 +157,7 @@ def _of_heights(grid: Grid, fraction: Array, axis: int) -> _Found:
 
 def _of_lower_fluid(grid: Grid, fraction: Array, axis: int) -> _Found:
     """Curvature of the surface of a fluid that fills the lower ends of the columns along an axis."""
-    height, known = stage(_surface_there(grid, fraction), lambda: _heights(grid, fraction, axis))
+    height, known = stage(surface_there(grid, fraction), lambda: _heights(grid, fraction, axis))
     height = grid.spacing[axis] * height
     across = [a for a in range(grid.dimension) if a != axis]
     first = {a: _differenced(grid, height, a, False) for a in across}

@@ -118,8 +118,9 @@ class CutTwoFluidSolver(TwoFluidSolver):
         fluid = FluidState(velocity, pressure, void_fraction, gradient)
         fluid = fluid._replace(liquid_fraction=fraction, liquid_supplied=supplied)
         gained = tuple(c + w * s for c, w, s in zip(carried, faces.share, stress.within, strict=True))
+        on_walls = fluid._replace(pressure=self._pressure_on_walls(properties, fraction, pressure))
         loads = StepLoads(
-            grid, self.boundary, self.shares_stress, properties, fluid, faces.share,
+            grid, self.boundary, self.shares_stress, properties, on_walls, faces.share,
             None if particles is None else particles.exchange, time_step,
         )  # fmt: skip
         seen, load = self._on_surfaces(cut, loads, gained, stress, particles)
@@ -144,6 +145,17 @@ class CutTwoFluidSolver(TwoFluidSolver):
             jnp.zeros_like(fraction), predicted, cut.opened(faces.void_fraction), product(faces.weight, mobility),
             self._least(properties, 1.0 + none),
         )[1]  # fmt: skip
+
+    def _pressure_on_walls(self, properties: FluidProperties, fraction: Array, pressure: Array) -> Array:
+        """The pressure; under oblique gravity less what `surface_weight` makes of it in the cells of a level surface:
+        with this one load, weight and momentum are in balance, as what is added to the weight acts on open faces alone
+        [Pa]."""
+        if not self.oblique_gravity:
+            return pressure
+        second, gravity = required(properties.second, "second"), required(properties.gravity, "gravity of the fluid")
+        level = level_of(_cut(properties), fraction)
+        step = (properties.density - second.density) * gravity[-1] * self.grid.spacing[-1]
+        return pressure - level * (1.0 - level) * step
 
     def _carried_between_walls(
         self,

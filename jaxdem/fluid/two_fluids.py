@@ -31,7 +31,7 @@ from jaxdem.fluid.carried_momentum import carried_momentum
 from jaxdem.fluid.curvature import surface_tension_gradient
 from jaxdem.fluid.dissolved import CarriedScalar, carried_dissolved
 from jaxdem.fluid.fluid_state import FluidProperties, FluidState, FluidStep, ParticleFields
-from jaxdem.fluid.grid import CellOrOne, FaceField, box_mean, face_average, face_control_volume
+from jaxdem.fluid.grid import CellOrOne, FaceField, box_mean, face_average, face_control_volume, sum_of_fields
 from jaxdem.fluid.local_stress import largest_diffusivity, local_stress
 from jaxdem.fluid.momentum import FluidSolver
 from jaxdem.fluid.momentum_step import or_one
@@ -47,6 +47,7 @@ from jaxdem.fluid.second_fluid import (
     with_closed_sides,
     with_outside_pressure,
 )
+from jaxdem.fluid.surface_weight import surface_weight
 from jaxdem.fluid.volume_of_fluid import Carrier, advance_fraction
 from jaxdem.numerics.stages import stage
 from jaxdem.numerics.static import static
@@ -76,9 +77,13 @@ class TwoFluidSolver(FluidSolver):
 
     Attributes:
         has_tension: whether the surface between them has a tension.
+        oblique_gravity: whether gravity has components along two axes or more, at one time or one after the other. Then
+            their weight at the surface is that of `surface_weight`; along one axis the mean density of two cells is at
+            rest without it.
     """
 
     has_tension: bool = False
+    oblique_gravity: bool = False
 
     def step(
         self,
@@ -159,7 +164,8 @@ class TwoFluidSolver(FluidSolver):
         return largest_diffusivity(self.grid, there, density)
 
     def slope_at_particles(self, properties: FluidProperties, state: FluidState) -> FaceField:
-        """Gradient of the reduced pressure less the tension, as particles see it, on the faces [Pa/m].
+        """Gradient of the reduced pressure less what acts at the surface with it, as particles see it, on the faces
+        [Pa/m].
 
         At an outlet the pressure is that of the fluids beyond it. Particles take the part 1 - g of both, so that they
         feel no jump of the pressure across a curved surface which the tension balances; see
@@ -171,11 +177,25 @@ class TwoFluidSolver(FluidSolver):
         fraction = required(state.liquid_fraction, "liquid_fraction of the fluid")
         level = self._level(properties, fraction)
         slope = with_outside_pressure(self.grid, self.boundary, second, properties.density, gravity, slope, level)
-        if not self.has_tension:
+        pull = self._pull(properties, fraction)
+        if pull is None:
             return slope
-        pull = surface_tension_gradient(self.grid, fraction, second.tension)
         pull = with_closed_sides(self.grid, self.boundary, pull)
         return tuple(s - t for s, t in zip(slope, pull, strict=True))
+
+    def _pull(self, properties: FluidProperties, fraction: Array) -> FaceField | None:
+        """What acts on the faces at the surface with the gradient of the pressure: tension, and under oblique gravity
+        the weight that the mean density of a face misplaces; None without [N/m3]."""
+        second, pull = required(properties.second, "second of the fluid"), None
+        if self.has_tension:
+            pull = surface_tension_gradient(self.grid, fraction, second.tension)
+        if not self.oblique_gravity:
+            return pull
+        gravity = required(properties.gravity, "gravity of the fluid")
+        closed = None if properties.cut is None else properties.cut.open_cells == 0.0
+        level, difference = self._level(properties, fraction), properties.density - second.density
+        weight = surface_weight(self.grid, level, gravity, difference, closed)
+        return weight if pull is None else sum_of_fields(weight, pull)
 
     def _level(self, properties: FluidProperties, fraction: Array) -> Array:
         """The liquid fraction that weighs: of whole cells."""
@@ -275,10 +295,8 @@ class TwoFluidSolver(FluidSolver):
         """Stress, tension, and weight less what the reduced pressure leaves out of it, on the faces [N/m3]; `light` is
         what warm fluid lacks of its mass [kg/m3]."""
         gravity = required(properties.gravity, "gravity of the fluid")
-        if self.has_tension:
-            tension = required(properties.second, "second of the fluid").tension
-            pull = surface_tension_gradient(self.grid, fraction, tension)
-            stress = tuple(s + p for s, p in zip(stress, pull, strict=True))
+        pull = self._pull(properties, fraction)
+        stress = stress if pull is None else sum_of_fields(stress, pull)
         masses = faces.mass if light is None else tuple(m - x for m, x in zip(faces.mass, light, strict=True))
         return tuple(
             weight * own + (mass - weight * properties.density) * gravity[axis]

@@ -96,6 +96,11 @@ class Domain(Section):
         """The largest size of each component at any time [m/s2]."""
         return tuple(max(map(abs, column)) for column in zip(*self.gravities, strict=True))
 
+    @property
+    def oblique_gravity(self) -> bool:
+        """Whether gravity has components along two axes or more, at one time or one after the other."""
+        return sum(part > 0.0 for part in self.gravity_along) > 1
+
     @model_validator(mode="after")
     def _gravity_over_time(self) -> Domain:
         if self.gravity is not None:

@@ -74,10 +74,11 @@ def fluid_interval(fluid: FluidSetup, boundary: Boundary, steps: TimeSteps, surf
     drive = drive_of(fluid.scene, table)
     parts = fluid.grid, boundary, ADVECTION[table.advection](), viscous, table.model, drive
     if fluid.scene.surface is not None:
+        oblique = fluid.scene.domain.oblique_gravity
         if surfaces:
-            beside_walls = CutTwoFluidSolver(*parts, surfaces=surfaces)
+            beside_walls = CutTwoFluidSolver(*parts, surfaces=surfaces, oblique_gravity=oblique)
             return FluidInterval(beside_walls, steps.interval, steps.fluid_substeps, courant_limit(fluid.scene))
-        two = TwoFluidSolver(*parts, has_tension=fluid.scene.surface.tension > 0.0)
+        two = TwoFluidSolver(*parts, has_tension=fluid.scene.surface.tension > 0.0, oblique_gravity=oblique)
         return FluidInterval(two, steps.interval, steps.fluid_substeps, courant_limit(fluid.scene))
     solver = FluidSolver(
         *parts, surfaces=surfaces, keeps_flux=fluid.scene.heat is not None or bool(fluid.scene.scalars)

@@ -1,6 +1,9 @@
-"""Exact parts of cells that discs and spheres fill, and errors of a surface that has moved."""
+"""Exact parts of cells that discs, spheres and half-spaces fill, and errors of a surface that has moved."""
 
+import jax.numpy as jnp
 import numpy as np
+
+from jaxdem.fluid.plane_cut import volume_below
 
 
 def disc(cells, size, centre, radius):
@@ -17,6 +20,18 @@ def sphere(cells, size, centre, radius, points=12):
     slices = _discs(x, z, np.sqrt(np.maximum(radius**2 - places**2, 0.0)).ravel())
     mean = np.einsum("jkxz,k->xjz", slices.reshape(*places.shape, *slices.shape[1:]), 0.5 * weights)
     return mean / (np.diff(x)[:, None, None] * np.diff(z)[None, None])
+
+
+def half_space(grid, up, through):
+    """Part of every cell below the plane through a point; `up` is its normal."""
+    normal = np.asarray(up) * np.asarray(grid.spacing)
+    size = np.abs(normal).sum()
+    middles = np.meshgrid(
+        *((np.arange(n) + 0.5) * h for n, h in zip(grid.cells, grid.spacing, strict=True)), indexing="ij"
+    )
+    depth = sum(u * (p - m) for u, p, m in zip(up, through, middles, strict=True))
+    sizes = tuple(jnp.full(grid.cells, abs(n) / size) for n in normal)
+    return np.asarray(volume_below(sizes, jnp.asarray(depth / size + 0.5)))
 
 
 def _discs(x, y, radii):

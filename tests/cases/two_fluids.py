@@ -41,11 +41,13 @@ class TwoFluids:
         kinds: tuple[str, ...],
         tension: bool = False,
         viscous: bool = True,
+        oblique: bool = False,
     ):
         periodic = tuple(kinds[2 * axis] == "periodic" for axis in range(len(cells)))
         self.grid = Grid(cells, size, 1.0, periodic)
         sides = tuple(Side(n // 2, bool(n % 2), kind) for n, kind in enumerate(kinds))
-        self.solver = TwoFluidSolver(self.grid, Boundary(sides), VanLeer(), viscous, has_tension=tension)
+        parts = self.grid, Boundary(sides), VanLeer(), viscous
+        self.solver = TwoFluidSolver(*parts, has_tension=tension, oblique_gravity=oblique)
         self._march = jax.jit(self._marched)
         self._watch = jax.jit(self._watched, static_argnums=(2, 4))
 
