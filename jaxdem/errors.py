@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Iterable
+from collections.abc import Iterable, Sized
 from numbers import Integral
 from typing import TypeVar
 
@@ -35,6 +35,11 @@ class InputError(JaxdemError):
         given = "" if value is None else f" = {cut(_repr(value))}"
         text = f"{cut(named)}{given}: {cut(limit, 600)}. {sentence(cut(remedy, 600))}"
         super().__init__(visible(text))
+
+
+def number_of_tables(given: Sized) -> str:
+    """What a message says was given of an array of tables: how many."""
+    return "1 table" if len(given) == 1 else f"{len(given)} tables"
 
 
 def is_whole(value: object) -> bool:

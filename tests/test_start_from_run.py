@@ -288,7 +288,7 @@ def test_another_mesh_keeps_the_flux(half, cells):
         ({"time.end": 0.13}, r"time\.output_interval.*start at 0\.06 s"),
         ({"particles.radius": 0.011}, r"particles\.radius.*start\.add"),
         ({"start.from": "/nowhere"}, r"start\.from.*no run directory"),
-        ({"materials": [{"name": "glass"}]}, r"materials = '1 tables': the particles of the run .* have no material"),
+        ({"materials": [{"name": "glass"}]}, r"materials = '1 table': the particles of the run .* have no material"),
         ({"start.remov": []}, r"start\.remov.*Did you mean 'remove'"),
         ({"contact.maximum_overlap": 1e-3, "contact.speed": 0.001}, r"start\.from.*overlap.*start\.relax"),
     ],

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from jaxdem.errors import InputError
+from jaxdem.errors import InputError, number_of_tables
 from jaxdem.scene.bed_mixing import check_bed_mixing
 from jaxdem.scene.bonds import check_bonds
 from jaxdem.scene.boundary import completed_boundary
@@ -133,7 +133,7 @@ def _check_tables(scene: Scene) -> None:
                 continue
             if getattr(scene, name):
                 remedy = f"remove [[{name}]], or add [particles]"
-                raise InputError(name, f"{len(getattr(scene, name))} tables", "need [particles]", remedy)
+                raise InputError(name, number_of_tables(getattr(scene, name)), "need [particles]", remedy)
         for name in ("contact", "coupling"):
             if getattr(scene, name) is not None:
                 raise InputError(name, "...", "needs [particles]", f"add [particles] or remove [{name}]")

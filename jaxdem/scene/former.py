@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from jaxdem.errors import InputError, cut
+from jaxdem.errors import InputError, cut, number_of_tables
 from jaxdem.files.reading import parse_toml, read_text
 
 OWN_KEYS = ("inlet",)
@@ -41,7 +41,7 @@ def with_former(tables: dict[str, Any], former: Mapping[str, Any]) -> dict[str, 
     materials = tables.get("materials")
     if isinstance(materials, list) and materials and former.get("particles") and not former.get("materials"):
         limit = f"the particles of the run {name} have no material"
-        raise InputError("materials", f"{len(materials)} tables", limit, "remove [[materials]]")
+        raise InputError("materials", number_of_tables(materials), limit, "remove [[materials]]")
     particles = _particles(tables.get("particles"), former.get("particles"), name)
     known = {"domain": domain, "particles": particles}
     if former.get("bonds"):

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from jaxdem.errors import InputError
+from jaxdem.errors import InputError, number_of_tables
 from jaxdem.scene.base import Finite, NonNegative, Positive, Section
 from jaxdem.scene.boundary import BoundarySide
 from jaxdem.scene.inlets import ParticleInlet
@@ -211,7 +211,7 @@ def _check_conduction(heat: Heat, several_materials: bool) -> None:
 
 def _check_scalars(scalars: Sequence[Scalar], has_fluid: bool) -> None:
     if scalars and not has_fluid:
-        raise InputError("scalars", f"{len(scalars)} tables", "need [fluid], which carries them", "add [fluid]")
+        raise InputError("scalars", number_of_tables(scalars), "need [fluid], which carries them", "add [fluid]")
     names = [scalar.name for scalar in scalars]
     for k, name in enumerate(names):
         if name in TAKEN or name.endswith("_force") or name in names[:k]:

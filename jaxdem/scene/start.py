@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from jaxdem.errors import number_of_tables
 from jaxdem.scene.base import NonNegative, Section, Tables, wrong
 from jaxdem.scene.particles import Particles
 from jaxdem.scene.regions import Region
@@ -45,7 +46,7 @@ class Start(Section):
     @model_validator(mode="after")
     def _placed_at_once(self) -> Start:
         if self.add is not None and self.add.inlet:
-            raise wrong("add.inlet", f"{len(self.add.inlet)} tables", "is not added here", "use [[particles.inlet]]")
+            raise wrong("add.inlet", number_of_tables(self.add.inlet), "is not added here", "use [[particles.inlet]]")
         if self.add is not None and any(pack.kind == "settled" for pack in self.add.packs):
             remedy = "use another kind; they settle as the run goes on"
             raise wrong("add.pack.kind", "settled", "is made before a run, and this one goes on", remedy)

@@ -10,7 +10,7 @@ import numpy as np
 from jax import Array
 from scipy.spatial import KDTree
 
-from jaxdem.errors import InputError
+from jaxdem.errors import InputError, number_of_tables
 from jaxdem.numerics.host import on_device
 from jaxdem.particles.bond_geometry import BondParameters
 from jaxdem.particles.bond_state import INTACT, LEFT, BondState, entries_of
@@ -182,7 +182,7 @@ def stored_bonds(scene: Scene, arrays: Mapping[str, np.ndarray], removed: np.nda
     if len(scene.bonds) < tables:
         limit = f"the bonds of the run {source}, of {tables} table{'s' * (tables > 1)}, go on with the numbers of these"
         remedy = "give as many tables, in the same order, or leave them out to go on with those of the run"
-        raise InputError("bonds", f"{len(scene.bonds)} tables", limit, remedy)
+        raise InputError("bonds", number_of_tables(scene.bonds), limit, remedy)
     first, second = (arrays[f"{STORED}.pairs.{name}"][:-1].astype(np.int64) for name in ("first", "second"))
     gone = np.isin(first, removed) | np.isin(second, removed)
     status = np.where((status == INTACT) & gone, LEFT, status)

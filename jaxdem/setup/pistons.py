@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxdem.errors import InputError
+from jaxdem.errors import InputError, number_of_tables
 from jaxdem.numerics.host import on_device
 from jaxdem.particles.moving_walls import PistonState
 from jaxdem.scene import Scene
@@ -29,7 +29,7 @@ def first_pistons(scene: Scene, dtype: np.dtype[np.floating], start: StartPoint 
                 limit = f"was a piston in the run before and has moved by {moved:.6g} m: the wall would jump back"
                 raise InputError(f"walls.{there.index(text)}.piston", None, limit, remedy)
             limit = f"has no wall at the place of the piston {text} of the run before, which has moved by {moved:.6g} m"
-            raise InputError("walls", f"{len(there)} tables", limit, remedy)
+            raise InputError("walls", number_of_tables(there), limit, remedy)
     if not now:
         return None
     values: dict[str, Any] = {}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from jaxdem.errors import InputError
+from jaxdem.errors import InputError, number_of_tables
 from jaxdem.scene import Particles, Scene
 from jaxdem.setup.shapes import template
 
@@ -24,7 +24,7 @@ def check_shapes(scene: Scene, particles: Particles) -> None:
     found: list[tuple[str, object, bool, str]] = [
         ("particles.coarse_grain", particles.coarse_grain, particles.coarse_grain != 1.0, "parcels are spheres"),
         ("start.from", "...", scene.start is not None, "stages go on with spheres alone"),
-        ("bonds", f"{len(scene.bonds)} tables", bool(scene.bonds), "bonds are between spheres"),
+        ("bonds", number_of_tables(scene.bonds), bool(scene.bonds), "bonds are between spheres"),
         ("output.samples", scene.output.samples, scene.output.samples > 0.0, "samples are of laws for spheres"),
     ]
     if contact is not None and contact.cohesion is not None:

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from jaxdem.errors import InputError
+from jaxdem.errors import InputError, number_of_tables
 from jaxdem.particles.growth import moved_apart
 from jaxdem.particles.regions import into_period
 from jaxdem.scene.scene import Start
@@ -85,7 +85,7 @@ class StartedParticles(ParticleSetup):
             return np.asarray(0, np.int32)
         if not before:
             limit = f"the particles of the run {self.start.source} have no material"
-            raise InputError("materials", f"{len(names)} tables", limit, "remove [[materials]]")
+            raise InputError("materials", number_of_tables(names), limit, "remove [[materials]]")
         for number in np.unique(material):
             if before[int(number)] not in names:
                 limit = f"the run {self.start.source} has particles of {before[int(number)]!r}, which is not among them"

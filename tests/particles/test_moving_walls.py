@@ -237,7 +237,7 @@ def test_a_piston_cannot_be_dropped_between_runs(tmp_path):
     with pytest.raises(InputError, match=r"walls\.0\.piston.*was a piston"):
         jaxdem.simulate(jaxdem.load_scene(tables), tmp_path / "second")
     del tables["walls"][0]
-    with pytest.raises(InputError, match=r"walls = '1 tables': has no wall at the place of the piston \{"):
+    with pytest.raises(InputError, match=r"walls = '1 table': has no wall at the place of the piston \{"):
         jaxdem.simulate(jaxdem.load_scene(tables), tmp_path / "second")
 
 
