@@ -16,7 +16,7 @@ from jaxdem.scene import Scene
 from jaxdem.scene.fluid_walls import keeps_place
 from jaxdem.setup.wall_functions import WallFunctions
 from jaxdem.setup.wall_motion import placements_at
-from jaxdem.setup.wall_valleys import PARALLEL, PlaneWalls, plane_walls, times_of
+from jaxdem.setup.wall_valleys import PARALLEL, PlaneWalls, is_lasting, plane_walls, times_of
 from jaxdem.setup.walls import surfaces_of
 from jaxdem.solids.valleys import Valley, worst_of
 
@@ -62,9 +62,10 @@ def curved_valleys(scene: Scene, functions: WallFunctions, radius: float, depth:
             for surface in surfaces_of(wall)
             if isinstance(surface, Cylinder)
         ]
+        lasting = [*(is_lasting(wall) for wall in cylinders), *functions.lasting]
         if functions.distances is not None:
             curved.append(functions.distances)
-        found += _found(scene, planes, curved, radius, depth)
+        found += _found(scene, planes, curved, lasting, radius, depth)
     return worst_of(found)
 
 
@@ -92,9 +93,14 @@ def _unit(vector: np.ndarray) -> np.ndarray:
 
 
 def _found(
-    scene: Scene, planes: PlaneWalls, curved: Sequence[Distances], radius: float, depth: float
+    scene: Scene,
+    planes: PlaneWalls,
+    curved: Sequence[Distances],
+    lasting: Sequence[bool],
+    radius: float,
+    depth: float,
 ) -> Iterator[Valley]:
-    """At one time."""
+    """At one time; `lasting` are the curved walls that are always there."""
     size = np.asarray(scene.domain.size)
     tolerance = ROUNDING * float(size.max())
 
@@ -110,6 +116,7 @@ def _found(
     count, first = distances(start[:1])[0].shape[1], len(planes.offset)
     walls = np.append(planes.wall, np.ones(count - first, bool))
     slack = np.append(planes.slack, np.zeros(count - first))
+    bounds = np.concatenate([planes.lasting, np.array(lasting, bool)])
     low = np.where(walls, radius - depth, 0.0) - slack - tolerance
     high = np.where(walls, radius, -np.inf) + slack + tolerance
     pairs = [pair for pair in itertools.combinations(np.flatnonzero(walls).tolist(), 2) if pair[1] >= first]
@@ -123,8 +130,9 @@ def _found(
     distance, normal = distances(x)
     steep = np.linalg.norm(normal, axis=2)
     normal = normal / np.where(steep > 0.0, steep, 1.0)[:, :, None]
-    touched = distance <= high
-    there = (distance >= low).all(axis=1) & np.take_along_axis(touched, pair, axis=1).all(axis=1)
+    front = distance >= low
+    touched = front & (distance <= high)
+    there = (front | ~bounds).all(axis=1) & np.take_along_axis(touched, pair, axis=1).all(axis=1)
     for one in pairs:
         own = there & (pair == one).all(axis=1)
         if own.any():

@@ -164,7 +164,7 @@ def _room(scene: Scene, sides: Sequence[BoxSide]) -> Room:
     rest = len(faces) - len(walls)
     normals, offsets = np.stack([face.normal for face in faces]), np.array([face.offset for face in faces])
     flat = np.zeros(len(faces))
-    planes = Planes(normals, offsets, flat, flat, TOUCHING * math.hypot(*size))
+    planes = Planes(normals, offsets, flat, flat, np.ones(len(offsets), bool), TOUCHING * math.hypot(*size))
     touched = planes_at_once(planes)
     corners = [np.linalg.lstsq(normals[on], offsets[on], rcond=None)[0] for on in touched]
     return Room(faces, np.array(walls + rest * [True]), np.array(opened + rest * [False]), np.stack(corners), touched)

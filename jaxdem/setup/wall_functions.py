@@ -12,6 +12,8 @@ import numpy as np
 from jax import Array
 
 from jaxdem.errors import InputError
+from jaxdem.numerics.tables import Window
+from jaxdem.particles.wall_times import WallInTime
 from jaxdem.scene import Scene
 
 POINTS = 4096
@@ -35,11 +37,13 @@ class WallFunctions(NamedTuple):
         slope: the largest at a surface to three digits, at least 1: the overlap grows by so much more than a grain
             moves [-].
         distances: points (P, D) [m] -> their distances (P, n) [m] and slopes (P, n, D); None without.
+        lasting: of each, whether it is always there.
     """
 
     number: int = 0
     slope: float = 1.0
     distances: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]] | None = None
+    lasting: tuple[bool, ...] = ()
 
 
 NO_FUNCTIONS = WallFunctions()
@@ -78,7 +82,10 @@ def wall_functions(functions: Sequence[Callable[[Array], Array]], scene: Scene, 
             )
             raise InputError("walls", function, limit, "divide the function by the length of its gradient")
         steepest = max(steepest, round(float(slope.max()), 3))
-    return WallFunctions(len(functions), steepest, _distances(functions, dtype)) if functions else NO_FUNCTIONS
+    if not functions:
+        return NO_FUNCTIONS
+    lasting = tuple(not isinstance(one, WallInTime) or Window(one.begin, one.end).is_always for one in functions)
+    return WallFunctions(len(functions), steepest, _distances(functions, dtype), lasting)
 
 
 def _distances(

@@ -47,6 +47,7 @@ class PlaneWalls(NamedTuple):
         side: (n,) bool, sides of the box.
         wall: (n,) bool, what grains touch: not periodic sides.
         way: (n, D) unit vector along which a force moves it; zero of others [-].
+        lasting: (n,) bool, what is always there, so that no grain comes behind it.
     """
 
     normal: np.ndarray
@@ -55,6 +56,7 @@ class PlaneWalls(NamedTuple):
     side: np.ndarray
     wall: np.ndarray
     way: np.ndarray
+    lasting: np.ndarray
 
     @property
     def joined(self) -> np.ndarray:
@@ -79,7 +81,7 @@ class PlaneWalls(NamedTuple):
         """For a grain of this radius that overlaps a wall by up to `depth` [m]."""
         low = np.where(self.wall, radius - depth, 0.0) - self.slack
         high = np.where(self.wall, radius + self.slack, -math.inf)
-        return Planes(self.normal, self.offset, low, high, TOUCHING * radius)
+        return Planes(self.normal, self.offset, low, high, self.lasting, TOUCHING * radius)
 
 
 def times_of(scene: Scene) -> tuple[list[float], float]:
@@ -105,6 +107,7 @@ def plane_walls(scene: Scene, placements: Sequence[Placement | None], between: f
     offset = np.concatenate([np.zeros(dimension), -size])
     wall = np.tile(~np.asarray(scene.periodic), 2)
     slack, ways = np.zeros(2 * dimension), np.zeros((2 * dimension, dimension))
+    lasting = np.ones(2 * dimension, bool)
     for number, (table, placed) in enumerate(zip(scene.walls, placements, strict=True)):
         for surface in surfaces_of(table):
             if not isinstance(surface, Plane):
@@ -117,8 +120,14 @@ def plane_walls(scene: Scene, placements: Sequence[Placement | None], between: f
             far = _slack(scene, table, number, between)
             normal, offset = np.vstack([normal, way]), np.append(offset, way @ point)
             slack, wall, ways = np.append(slack, far), np.append(wall, True), np.vstack([ways, _way(table, dimension)])
+            lasting = np.append(lasting, is_lasting(table))
     side = np.arange(len(wall)) < 2 * dimension
-    return PlaneWalls(normal, offset, slack, side, wall, ways)
+    return PlaneWalls(normal, offset, slack, side, wall, ways, lasting)
+
+
+def is_lasting(wall: Wall) -> bool:
+    """Whether a wall is there all the time."""
+    return wall.begin is None and wall.end is None
 
 
 def _way(wall: Wall, dimension: int) -> np.ndarray:
@@ -137,8 +146,8 @@ def plane_valleys(scene: Scene, meshes: Sequence[WallMesh], radius: float, depth
     """The worst walls of the scene that a grain touches at once, of those that are not at right angles.
 
     Of planes that move all places count at which they are between two of the times that are looked at, and of pistons
-    those where they are at the start and all on their way; of meshes that move the places at these times. That two
-    walls are there at different times (`begin`, `end`) is not looked at.
+    those where they are at the start and all on their way; of meshes that move the places at these times. Walls with
+    `begin` or `end` count as all others do, and hide nothing that is behind them.
 
     Args:
         scene: the scene.

@@ -1,7 +1,8 @@
 """Which plane walls a sphere touches at once: alone, and beside a piece of a mesh. Host, numpy, float64.
 
-Its centre x is on the front of all of them, n . x - o >= low, and touches those with n . x - o <= high. What touches
-most of them is at a corner of the region that these bounds leave, for every such set of x is convex.
+Its centre x is on the front, n . x - o >= low, of all that bound the space, and touches those with
+low <= n . x - o <= high. What touches most of them is at a corner of the region that these bounds leave, for every such
+set of x is convex.
 """
 
 from __future__ import annotations
@@ -28,8 +29,9 @@ class Planes(NamedTuple):
     Attributes:
         normal: (n, D) unit vectors towards the spheres.
         offset: (n,) o of n . x = o [m].
-        low: (n,) least distance of a centre [m].
+        low: (n,) least distance of a centre on the front [m].
         high: (n,) distance up to which a sphere touches it, minus infinity of what only bounds the box [m].
+        bounds: (n,) bool, which of them no sphere is behind.
         tolerance: what counts as rounding [m].
     """
 
@@ -37,6 +39,7 @@ class Planes(NamedTuple):
     offset: np.ndarray
     low: np.ndarray
     high: np.ndarray
+    bounds: np.ndarray
     tolerance: float
 
     def distances(self, x: np.ndarray) -> np.ndarray:
@@ -46,8 +49,9 @@ class Planes(NamedTuple):
 
     def touched(self, distance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Of distances (..., n): whether a centre may be there (...,), and which planes it touches there (..., n)."""
-        allowed = np.all(distance >= self.low - self.tolerance, axis=-1)
-        return np.asarray(allowed), distance <= self.high + self.tolerance
+        front = distance >= self.low - self.tolerance
+        allowed = np.all(front | ~self.bounds, axis=-1)
+        return np.asarray(allowed), front & (distance <= self.high + self.tolerance)
 
     def levels(self) -> list[tuple[int, float]]:
         """Number of a plane and a distance from it, of all bounds."""

@@ -172,7 +172,7 @@ def test_a_wedge_of_triangles_is_a_wedge(tmp_path, smooth_angle):
     given = dict(
         position=[[0.5, 0.5 + 0.02 * 2**0.5], [0.52, 0.56]],
         domain={"size": [1.0, 1.0]},
-        contact={"restitution": 0.1, "friction": 0.3},
+        contact={"restitution": 0.1, "friction": 0.3, "time_step": 1e-4},  # the wedge alone reaches sides of the box
     )
     of_mesh, of_wedge = (flight(grains_scene([wall], **given), 40) for wall in (mesh, wedge))
     assert np.abs(of_mesh.position - of_wedge.position).max() < 1e-12

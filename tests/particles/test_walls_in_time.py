@@ -53,6 +53,7 @@ BOX = {
         "rolling_friction": 0.1,
         "rolling_model": "epsd",
         "speed": 2.0,
+        "time_step": 6e-5,  # of scenes with and without the gate, whose stable steps differ
     },
     "coupling": {"interval": INTERVAL},
     "time": {"end": 0.15, "output_interval": INTERVAL},

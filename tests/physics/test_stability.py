@@ -12,6 +12,7 @@ import trimesh
 
 import jaxdem
 from jaxdem.errors import InputError
+from jaxdem.particles.wall_times import WallInTime
 from jaxdem.scene.shapes import Shape
 from jaxdem.setup import contact_stability
 from jaxdem.setup.contact_limit import Neighbours, contact_stability_limit
@@ -161,6 +162,8 @@ def pit(slope, number):
 RAMP_OF_LINES = {"kind": "mesh", "points": [[-0.1, 0.2 - 0.1 * np.tan(0.5)], [1.1, 0.2 + 1.1 * np.tan(0.5)]]}
 CIRCLE = {"kind": "cylinder", "center": [0.5, 0.5], "radius": 0.4, "inside": True}
 FLOOR = {"kind": "plane", "point": [0.0, 0.3], "normal": [0.0, 1.0]}
+GATE = {"kind": "plane", "point": [0.55, 0.0], "normal": [1.0, 0.0]}
+LID = {"kind": "plane", "point": [0.0, 0.5], "normal": [0.0, 1.0]}
 TURNED = {"kind": "oscillation", "center": [0.0, 0.4], "amplitude": 0.2, "frequency": 1.0}
 
 
@@ -180,6 +183,12 @@ def in_circle(x):
         pytest.param([ramp(0.0, 0.4, motion=[TURNED])], 1.0 + np.sin(0.2), (), id="plane that turns"),
         pytest.param([CIRCLE, FLOOR], 1.0 + 0.19 / 0.39, (), id="circle and plane"),
         pytest.param([FLOOR], 1.0 + 0.19 / 0.39, (in_circle,), id="function and plane"),
+        pytest.param(
+            [FLOOR], 1.0 + 0.19 / 0.39, (in_circle, WallInTime(lambda x: x[1] - 0.5, end=0.5)), id="function that ends"
+        ),
+        pytest.param([wedge(150.0), GATE], 1.0 + np.cos(np.radians(75.0)), (), id="wedge cut off by a gate"),
+        pytest.param([wedge(150.0), GATE | {"end": 0.5}], 1.0 + np.cos(np.radians(30.0)), (), id="gate that vanishes"),
+        pytest.param([CIRCLE, FLOOR, LID | {"end": 0.5}], 1.0 + 0.19 / 0.39, (), id="lid over the plane that vanishes"),
     ],
 )
 def test_walls_that_are_not_at_right_angles_count_together(walls, along, functions):

@@ -14,7 +14,9 @@ def random_planes(dimension, seed):
     through = 0.5 - rng.uniform(0.15, 0.35, (4, 1)) * ways  # the middle is in front of all
     normal = np.concatenate([np.eye(dimension), -np.eye(dimension), ways])
     offset = np.concatenate([np.zeros(dimension), -np.ones(dimension), np.sum(ways * through, axis=1)])
-    return Planes(normal, offset, np.full(len(offset), 0.05), np.full(len(offset), 0.1), 1e-9)
+    return Planes(
+        normal, offset, np.full(len(offset), 0.05), np.full(len(offset), 0.1), np.ones(len(offset), bool), 1e-9
+    )
 
 
 def within(one, sets):
@@ -38,7 +40,7 @@ def test_a_plane_across_a_corner_is_touched_with_both_sides_or_one(offset, numbe
     """Distances x, y and (x + y)/sqrt(2) - o between 0.05 and 0.1: sqrt(2) 0.05 - 0.1 <= o <= sqrt(2) 0.1 - 0.05."""
     normal = np.array([[1.0, 0.0], [0.0, 1.0], [0.5**0.5, 0.5**0.5], [-1.0, 0.0], [0.0, -1.0]])
     low, high = np.full(5, 0.05), np.full(5, 0.1)
-    found = planes_at_once(Planes(normal, np.array([0.0, 0.0, offset, -1.0, -1.0]), low, high, 1e-9))
+    found = planes_at_once(Planes(normal, np.array([0.0, 0.0, offset, -1.0, -1.0]), low, high, np.ones(5, bool), 1e-9))
     assert found[:, :3].sum(axis=1).max() == number
 
 
