@@ -61,14 +61,19 @@ def warm_grains():
     return tables | {"contact": {"young_modulus": 5e5, "friction": 0.3, "speed": 1.0}}
 
 
+OBLIQUE = scene_of([16, 32], ALONG_X)
+OBLIQUE["domain"]["gravity"] = [4.0, -9.0]
+
+
 @pytest.mark.parametrize(
     ("tables", "number", "axis"),
     [
         pytest.param(warm_grains(), 2, 0, marks=COMBINATION),
         (scene_of([16, 32], ALONG_X), 4, 1),
         pytest.param(scene_of([8, 8, 32], ALONG_X), 4, 2, marks=COMBINATION),
+        pytest.param(OBLIQUE, 4, 1, marks=COMBINATION),
     ],
-    ids=["warm grains in a channel", "a drop falls", "a drop falls in space"],
+    ids=["warm grains in a channel", "a drop falls", "a drop falls in space", "under oblique gravity"],
 )
 def test_two_fluids_are_those_of_one_device(tables, number, axis):
     """After ten intervals the same surface, velocity, pressure, heat and grains within 1e-10, and the same iterations
@@ -151,8 +156,9 @@ def dam_in_space():
         pytest.param(ROLLING, 4, 1, 30, marks=COMBINATION),
         pytest.param(falling_grains(), 3, 1, 30, marks=COMBINATION),
         pytest.param(dam_in_space(), 2, 0, 30, marks=COMBINATION),
+        pytest.param(ROLLING | {"domain": ROLLING["domain"] | {"gravity": [4.0, -9.0]}}, 2, 0, 30, marks=COMBINATION),
     ],
-    ids=["a dam breaks", "slabs of height", "grains", "in space"],
+    ids=["a dam breaks", "slabs of height", "grains", "in space", "under oblique gravity"],
 )
 def test_two_fluids_beside_walls_are_those_of_one_device(tables, number, axis, intervals):
     """Fields and loads on the walls within 1e-10, with as many iterations of the pressure; nothing is gathered. The
