@@ -33,8 +33,8 @@ class ParticleState(NamedTuple):
         wall_spring: the same of every particle at the S walls, arrays (S, N) [m].
         contact_force: (N, D) mean force of all contacts over the last coupling interval [N].
         fluid_force: (N, D) mean fluid force over the last coupling interval, or None without a fluid [N].
-        fluid_memory: what forces of the fluid keep of earlier intervals, arrays with an axis of length N; None
-            where no such force is on.
+        fluid_memory: what forces of the fluid keep of earlier intervals, arrays (..., N, C), N next to the last axis;
+            None where no such force is on.
         active: (N,) bool, which particles are present; None where all are, always. See `population`.
         inserted: (I,) int32, how many have come in through each inlet; None without inlets.
         identity: (N,) int32, which particles the rows of a slab are, -1 for none; None on one device, where row i is

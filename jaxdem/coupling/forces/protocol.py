@@ -126,7 +126,10 @@ class FluidForce(ABC):
         return self.label
 
     def start(self, slip: Array) -> Any:
-        """Memory at the start of a run whose slip (N, D) has always been as it is [m/s]; None for nothing."""
+        """Memory at the start of a run whose slip (N, D) has always been as it is [m/s]; None for nothing.
+
+        Of arrays (..., N, C), also of one number a particle (C = 1): they move with the particles.
+        """
         return None
 
     @abstractmethod
