@@ -45,7 +45,7 @@ class PlaneWalls(NamedTuple):
         offset: (n,) of n . x = offset [m].
         slack: (n,) how far from there each may be, as it moves [m].
         side: (n,) bool, sides of the box.
-        wall: (n,) bool, what grains touch: not periodic sides.
+        wall: (n,) bool, what grains touch: no periodic sides, nor those that remove grains.
         way: (n, D) unit vector along which a force moves it; zero of others [-].
         lasting: (n,) bool, what is always there, so that no grain comes behind it.
     """
@@ -105,7 +105,8 @@ def plane_walls(scene: Scene, placements: Sequence[Placement | None], between: f
     dimension = len(size)
     normal = np.concatenate([np.eye(dimension), -np.eye(dimension)])
     offset = np.concatenate([np.zeros(dimension), -size])
-    wall = np.tile(~np.asarray(scene.periodic), 2)
+    removes = np.reshape([scene.boundary[name].particles == "remove" for name in scene.sides], (-1, 2))
+    wall = (~np.asarray(scene.periodic)[:, None] & ~removes).T.reshape(-1)
     slack, ways = np.zeros(2 * dimension), np.zeros((2 * dimension, dimension))
     lasting = np.ones(2 * dimension, bool)
     for number, (table, placed) in enumerate(zip(scene.walls, placements, strict=True)):

@@ -222,6 +222,13 @@ def test_walls_at_right_angles_or_apart_do_not_count_together(walls):
     assert alone(*walls) == alone()
 
 
+def test_a_side_that_removes_grains_is_no_wall_beside_a_plane():
+    """A plane in the place of a side takes over from it; beside the side it would count with it."""
+    plane = {"kind": "plane", "point": [0.0, 0.0], "normal": [1.0, 0.0]}
+    assert alone(plane, boundary={"left": {"particles": "remove"}}) == alone()
+    assert alone(plane) == pytest.approx(alone() / np.sqrt(2.0))
+
+
 OBLIQUE = [(name, material) for name in stability.oblique_walls() for material in ("e = 1, mu = 0", "e = 0, mu = 10")]
 
 
