@@ -7,7 +7,8 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 export PYTHONDONTWRITEBYTECODE :=
 # Number of parallel test processes. The threads of numpy and XLA are not limited.
 WORKERS ?= 2
-PYTEST := $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
+# A test that ends its process is told: by default it would be tried again, in a new process, without end.
+PYTEST := $(BIN)/python -m pytest -n $(WORKERS) --max-worker-restart 0 --dist loadfile --no-loadscope-reorder
 # The second tier of the tests; see CONTRIBUTING.md.
 SECOND := every_combination
 EXAMPLES := column_collapse settling fluidised_bed injection friction_calibration train_closure

@@ -25,7 +25,7 @@ if "device_count" not in os.environ.get("XLA_FLAGS", ""):
 # They may have to wait for each other: a busy machine gives a thread no core for longer than the 40 s after which XLA
 # would end the process.
 if "terminate_timeout" not in os.environ["XLA_FLAGS"]:
-    os.environ["XLA_FLAGS"] += " --xla_cpu_collective_call_terminate_timeout_seconds=1800"
+    os.environ["XLA_FLAGS"] += " --xla_cpu_collective_call_terminate_timeout_seconds=600"
 # LLVM's optimisations are a third to a half of what is left; without them most runs of tests are too short to lose it
 # again. Tests with longer runs have the mark `long_runs`.
 os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
