@@ -298,6 +298,38 @@ def test_what_cannot_be_is_named(half, changes, message):
         first_state(later(half, changes))
 
 
+ADDED = {"radius": 0.008, "density": 1000.0}
+HIGH = ADDED | {"position": [[0.19, 0.15]]}
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"start.add": ADDED | {"position": [[0.1, 0.198]]}}, r"start\.add = 'particle .*the bottom or top wall"),
+        (
+            {"start.add": HIGH, "walls": [{"kind": "plane", "point": [0.19, 0.0], "normal": [-1.0, 0.0]}]},
+            r"start\.add = 'particle .* at \(0\.19, 0\.15\) m': it reaches 50 % .*walls\.0 \(plane\)",
+        ),
+        (
+            {"start.add": HIGH, "walls": [{"kind": "mesh", "points": [[0.18, 0.15], [0.2, 0.15]]}]},
+            r"start\.add = 'particle .*walls\.0 \(mesh\).*add the particles elsewhere",
+        ),
+        (
+            {"walls": [{"kind": "plane", "point": [0.0, 0.04], "normal": [0.0, 1.0]}]},
+            r"start\.from = 'particle .*walls\.0 \(plane\).*start\.remove",
+        ),
+        (
+            {"start.add": ADDED | {"pack": {"kind": "lattice", "start": [0.1, 0.1], "stop": [0.13, 0.13]}, "count": 9}},
+            r"start\.add\.count = 9.*lower start\.add\.pack\.spacing",
+        ),
+        ({"start.add": ADDED | {"file": "nothing.csv"}}, r"start\.add\.file = .*no such file"),
+    ],
+)
+def test_added_particles_are_named_as_such(half, changes, message):
+    with pytest.raises(InputError, match=f"(?i){message}"):
+        first_state(later(half, changes))
+
+
 @COMBINATION
 def test_a_larger_box_with_a_new_fluid_and_another_law(half):
     """All of it changes at once: box, mesh, contact law, rolling springs, sides, no inlet."""

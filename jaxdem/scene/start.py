@@ -2,14 +2,30 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, ValidatorFunctionWrapHandler, field_validator, model_validator
 
-from jaxdem.errors import number_of_tables
+from jaxdem.errors import InputError, number_of_tables
 from jaxdem.scene.base import NonNegative, Section, Tables, wrong
 from jaxdem.scene.particles import Particles
 from jaxdem.scene.regions import Region
+
+OF_PARTICLES = re.compile(r"\bparticles\.(?=[a-z])")
+"""What messages about the table `[particles]` have before a key."""
+
+
+@contextmanager
+def keys_of_added() -> Iterator[None]:
+    """Messages about `[particles]` have the keys of `start.add`, a table of the same keys."""
+    try:
+        yield
+    except InputError as error:
+        key, limit, remedy = (OF_PARTICLES.sub("start.add.", x) for x in (error.key, error.limit, error.remedy))
+        raise InputError(key, error.value, limit, remedy) from error
 
 
 class Start(Section):
@@ -42,6 +58,12 @@ class Start(Section):
     add: Particles | None = None
     relax: bool = Field(default=False, strict=True)
     absent: bool = Field(default=False, strict=True)
+
+    @field_validator("add", mode="wrap")
+    @classmethod
+    def _with_its_keys(cls, value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
+        with keys_of_added():
+            return handler(value)
 
     @model_validator(mode="after")
     def _placed_at_once(self) -> Start:

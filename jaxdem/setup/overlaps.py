@@ -12,6 +12,9 @@ from jaxdem.scene import Scene
 from jaxdem.setup.bodies import Bodies
 from jaxdem.setup.particles import ParticleSetup
 
+ADDED = "start.add"
+"""Key of particles that are added to those of another run."""
+
 INSERTION_OVERLAP = 0.01
 """Two particles of a pack may overlap by this part of the smaller diameter."""
 
@@ -28,15 +31,24 @@ class Overlap(NamedTuple):
         reason: that says where it is from, for messages.
         key: of the scene that places the particles, for messages.
         move: what to do about a deeper one.
+        placed: number of rows that another run has placed; those behind them are of `start.add`. None where all are
+            of one key.
     """
 
     part: float
     reason: str = ""
     key: str = "particles.pack"
     move: str = "change the pack"
+    placed: int | None = None
 
     def __str__(self) -> str:
         return f"the limit is {100 * self.part:.3g} %{self.reason}"
+
+    def of_row(self, row: int) -> Overlap:
+        """The same with key and remedy of a particle, for messages."""
+        if self.placed is None or row < self.placed:
+            return self
+        return self._replace(key=ADDED, move="add the particles elsewhere")
 
 
 PACKED = Overlap(INSERTION_OVERLAP)
@@ -48,7 +60,7 @@ def allowed_overlap(particles: ParticleSetup) -> Overlap:
     reason = ", contact.maximum_overlap"
     if particles.is_started:
         remedy = "remove particles there (start.remove), or move them apart (start.relax = true)"
-        return Overlap(particles.contact.maximum_overlap, reason, "start.from", remedy)
+        return Overlap(particles.contact.maximum_overlap, reason, "start.from", remedy, particles.placed)
     if particles.table.position is None and particles.table.file is None:
         return PACKED
     key = "particles.position" if particles.table.file is None else "particles.file"
@@ -69,6 +81,7 @@ def check_initial_positions(particles: ParticleSetup) -> None:
     radius = np.broadcast_to(particles.present.radius, particles.count)[rows]
     index, part, sides = _deepest_in_sides(scene, position, radius)
     if part > allowed.part:
+        allowed = allowed.of_row(rows[index])
         raise InputError(
             allowed.key,
             f"particle {rows[index]} at {at_text(position[index])} m",
@@ -81,7 +94,7 @@ def check_initial_positions(particles: ParticleSetup) -> None:
         return _check_pairs(particles, rows, allowed, None)
     added = rows >= particles.placed
     _check_pairs(particles, rows[~added], allowed, None)
-    packed = PACKED._replace(key="start.add", move="add the particles elsewhere, or remove those that are there")
+    packed = PACKED._replace(key=ADDED, move="add the particles elsewhere, or remove those that are there")
     return _check_pairs(particles, rows, packed, added)
 
 

@@ -12,6 +12,7 @@ from jaxdem.errors import InputError, number_of_tables
 from jaxdem.particles.growth import moved_apart
 from jaxdem.particles.regions import into_period
 from jaxdem.scene.scene import Start
+from jaxdem.scene.start import keys_of_added
 from jaxdem.setup.arrivals import Arrivals, Queue, arrivals
 from jaxdem.setup.bodies import Bodies, joined
 from jaxdem.setup.bonds import BondList, bond_list, stored_bonds
@@ -20,7 +21,6 @@ from jaxdem.setup.packs import PackSetup
 from jaxdem.setup.particles import ParticleSetup
 from jaxdem.setup.regions import region_space
 from jaxdem.setup.start_point import StartPoint
-
 
 @dataclasses.dataclass(frozen=True)
 class StartedParticles(ParticleSetup):
@@ -61,9 +61,18 @@ class StartedParticles(ParticleSetup):
 
     @cached_property
     def added(self) -> ParticleSetup | None:
-        """The particles of `start.add`."""
+        """The particles of `start.add`, laid out.
+
+        Raises:
+            InputError: as of the particles of a scene, with the keys of `start.add`.
+        """
         table = self.settings.add
-        return None if table is None else ParticleSetup(self.scene, table, self.contact)
+        if table is None:
+            return None
+        found = ParticleSetup(self.scene, table, self.contact)
+        with keys_of_added():
+            _ = found.position, found.present
+        return found
 
     @cached_property
     def present(self) -> Bodies:

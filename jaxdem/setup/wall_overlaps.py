@@ -62,6 +62,7 @@ def check_surfaces(
         wall, index = np.unravel_index(np.argmax(np.where(inside, depth, -np.inf)), depth.shape)
         names = [f"{key} ({kind})" for key, kind in wall_keys(scene)]
         name = names[int(wall)] if wall < len(names) else "a wall given as a function"
+        allowed = allowed.of_row(int(index))
         raise InputError(
             allowed.key,
             f"particle {index} at {at_text(np.asarray(particles.position[index]))} m",
@@ -105,6 +106,7 @@ def check_meshes(
             index = int(np.argmax(depth))
             part = percent_text(depth[index])
             deep = "lies inside of" if depth[index] >= 1.0 else f"reaches {part} of its diameter into"
+            allowed = allowed.of_row(rows[index])
             raise InputError(
                 allowed.key,
                 f"particle {rows[index]} at {at_text(position[index])} m",
