@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,9 @@ from jaxdem.files.reading import parse_toml, read_text
 
 OWN_KEYS = ("inlet",)
 """Of `[particles]`, what a scene has of its own."""
+
+WHO_IS_BONDED = ("gap", "region")
+"""Of a table of `[[bonds]]`, what only new bonds are made by. `pairs` are compared with the bonds that there are."""
 
 MERGED = "coarse_grain"
 """Key of `[particles]` that may be larger than in the run: its particles are merged into parcels at the start."""
@@ -25,8 +28,8 @@ def with_former(tables: dict[str, Any], former: Mapping[str, Any]) -> dict[str, 
         former: tables of the scene of the run that it begins from, every default written out.
 
     Raises:
-        InputError: another number of dimensions, a key of `[particles]` that differs, or materials that its particles
-            have not.
+        InputError: another number of dimensions, a key of `[particles]` or of who is bonded that differs, or materials
+            that its particles have not.
     """
     from jaxdem.io.scene_text import comes_and_goes  # with h5py, which other scenes do without
 
@@ -46,6 +49,7 @@ def with_former(tables: dict[str, Any], former: Mapping[str, Any]) -> dict[str, 
     known = {"domain": domain, "particles": particles}
     if former.get("bonds"):
         known["bonds"] = tables.get("bonds", former["bonds"])
+        _check_bonds(known["bonds"], former["bonds"], name)
     # Parcels that are made at the start are all there.
     ratios = [table.get(MERGED, 1.0) for table in (particles, former.get("particles")) if isinstance(table, dict)]
     merging = len(ratios) == 2 and ratios[0] != ratios[1]
@@ -100,6 +104,27 @@ def _particles(given: object, before: Mapping[str, Any] | None, name: object) ->
             remedy = f"remove particles.{key}; [start.add] adds particles, and inlets have keys of their own"
             raise InputError(f"particles.{key}", cut(repr(value), 100), limit, remedy)
     return kept | {key: value for key, value in (given or {}).items() if key in own}
+
+
+def _check_bonds(given: object, before: Sequence[Mapping[str, Any]], name: object) -> None:
+    """Refuses other keys for who is bonded than those by which the bonds that go on were made, and further tables.
+
+    Raises:
+        InputError: naming the key.
+    """
+    own = [table for table in given if isinstance(table, dict)] if isinstance(given, list) else []
+    remedy = "give it as there: bonds are made once, and their other keys may change"
+    for number, (table, made) in enumerate(zip(own, before, strict=False)):
+        for key in WHO_IS_BONDED:
+            if not (key in table or key in made) or _agrees(table.get(key), made.get(key)):
+                continue
+            there = cut(repr(made.get(key, "(not set)")), 100)
+            limit = f"the bonds are those of the run {name}, whose scene has {there}"
+            raise InputError(f"bonds.{number}.{key}", cut(repr(table.get(key)), 100), limit, remedy)
+    if len(own) > len(before):
+        limit = f"the bonds are those of the run {name}, which has {number_of_tables(before)}"
+        remedy = "remove the further ones: a run with bonds makes no new ones"
+        raise InputError("bonds", number_of_tables(own), limit, remedy)
 
 
 def _check_merge(given: Mapping[str, Any], before: Mapping[str, Any], name: object) -> None:

@@ -173,7 +173,7 @@ def stored_bonds(scene: Scene, arrays: Mapping[str, np.ndarray], removed: np.nda
         source: folder of the run.
 
     Raises:
-        InputError: the scene has another number of tables.
+        InputError: the scene has fewer tables, or lists other pairs.
     """
     if f"{STORED}.status" not in arrays:
         return None
@@ -184,9 +184,21 @@ def stored_bonds(scene: Scene, arrays: Mapping[str, np.ndarray], removed: np.nda
         remedy = "give as many tables, in the same order, or leave them out to go on with those of the run"
         raise InputError("bonds", number_of_tables(scene.bonds), limit, remedy)
     first, second = (arrays[f"{STORED}.pairs.{name}"][:-1].astype(np.int64) for name in ("first", "second"))
+    for number, bond in enumerate(scene.bonds[:tables]):
+        own = table == number
+        _check_listed(f"bonds.{number}.pairs", bond, np.stack([first[own], second[own]], axis=1), source)
     gone = np.isin(first, removed) | np.isin(second, removed)
     status = np.where((status == INTACT) & gone, LEFT, status)
     return BondList(first, second, table.astype(np.int64), _pair_sum(arrays, "separation")[:-1], status, arrays)
+
+
+def _check_listed(key: str, bond: Bond, made: np.ndarray, source: str) -> None:
+    """Refuses a list of other pairs than the bonds (P, 2) of a table that go on."""
+    listed = bond.listed(key)
+    if listed is None or {*map(tuple, np.sort(listed, axis=1).tolist())} == {*map(tuple, made.tolist())}:
+        return
+    limit = f"the bonds are those of the run {source}, whose {len(made)} pairs of this table are others"
+    raise InputError(key, f"{len(listed)} pairs", limit, "give the same list: bonds are made once")
 
 
 def _pair_sum(arrays: Mapping[str, np.ndarray], name: str) -> np.ndarray:

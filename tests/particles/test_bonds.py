@@ -329,6 +329,34 @@ def test_runs_are_resumed_and_go_on_in_another_bit_for_bit(tmp_path):
         jaxdem.simulate(jaxdem.load_scene(later | {"start": later["start"] | {"time": 0.0}}), tmp_path / "no")
     with pytest.raises(InputError, match=r"bonds = '0 tables': the bonds of the run .* go on"):
         jaxdem.simulate(jaxdem.load_scene(later | {"bonds": []}), tmp_path / "no")
+    _bonds_are_made_once(later)
+
+
+def _bonds_are_made_once(later):
+    """Tables that go on may have other strengths; what new bonds would be made by is refused where it differs."""
+    table = BOND | {"tensile_strength": 1e5}
+    assert jaxdem.load_scene(later | {"bonds": [table]}).bonds[0].tensile_strength == 1e5
+    region = {"shape": "box", "start": [0.0, 0.0], "stop": [0.1, 0.1]}
+    listed = {key: value for key, value in table.items() if key != "gap"} | {"pairs": [[0, 1]]}
+    for bonds, message in (
+        ([table | {"gap": 0.01}], r"bonds\.0\.gap.*whose scene has"),
+        ([table | {"region": region}], r"bonds\.0\.region.*\(not set\)"),
+        ([listed], r"bonds\.0\.gap.*whose scene has"),
+        ([table, table | {"region": region}], "bonds = '2 tables'.*makes no new ones"),
+    ):
+        with pytest.raises(InputError, match=message):
+            jaxdem.load_scene(later | {"bonds": bonds})
+
+
+def test_a_list_of_pairs_that_goes_on_is_the_same_list(tmp_path):
+    listed = {"pairs": [[0, 1], [3, 4]], "normal_stiffness": 1e9, "shear_stiffness": 4e8}
+    jaxdem.simulate(jaxdem.load_scene(tables_of(bonds=[listed], time={"end": 0.01})), tmp_path / "run")
+    later = tables_of(bonds=[listed], start={"from": str(tmp_path / "run")})
+    later["bonds"][0]["pairs"] = [[4, 3], [0, 1]]
+    assert np.asarray(first(jaxdem.load_scene(later))[2].particles.bonds.status).tolist() == [INTACT, INTACT, LEFT]
+    later["bonds"][0]["pairs"] = [[0, 1], [4, 5]]
+    with pytest.raises(InputError, match=r"bonds\.0\.pairs = '2 pairs'.*Give the same list"):
+        first(jaxdem.load_scene(later))
 
 
 def _less_and_more_grains(later):
