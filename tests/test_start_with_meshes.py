@@ -53,7 +53,7 @@ def test_springs_of_meshes_go_on(runs, monkeypatch):
     last = whole.particles(whole.number_of_frames - 1), second.particles(second.number_of_frames - 1)
     for name in ("position", "velocity", "angular_velocity"):
         np.testing.assert_allclose(last[1][name], last[0][name], rtol=0.0, atol=1e-10, err_msg=name)
-    monkeypatch.setattr(started, "kept_of_meshes", lambda start, scene, lists, blank, rows, springs: blank)
+    monkeypatch.setattr(started, "kept_of_meshes", lambda start, scene, meshes, lists, blank, rows, springs: blank)
     anew = simulate(scene, folder / "anew").particles(half.number_of_frames - 1)
     assert np.abs(anew["position"] - last[0]["position"]).max() > 1e-7
 

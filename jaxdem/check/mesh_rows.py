@@ -9,6 +9,7 @@ import numpy as np
 from jaxdem.setup.builder import Case
 from jaxdem.setup.mesh_sources import from_to, outside, reached
 from jaxdem.setup.meshes import WallMesh
+from jaxdem.setup.started_meshes import unworn_meshes
 
 
 def mesh_rows(case: Case) -> tuple[tuple[str, str], ...]:
@@ -21,8 +22,15 @@ def _meshes(case: Case) -> tuple[WallMesh, ...]:
 
 
 def mesh_cautions(case: Case) -> Iterator[str]:
-    """A sentence on each mesh that moves and is outside of the box all the time; where a piston goes is not known."""
+    """A sentence on each mesh whose wear does not go on, and on each that moves and is outside of the box all the time;
+    where a piston goes is not known."""
     scene = case.scene
+    if case.start is not None:
+        for key in unworn_meshes(case.start, scene, _meshes(case)):
+            yield (
+                f"{key}.wear begins at zero: the run {case.start.source} has walls that wear, and none with the "
+                "triangles of this one in its place."
+            )
     size = np.asarray(scene.domain.size)
     for mesh in _meshes(case):
         bounds = reached(mesh.wall, mesh.mesh, scene.time.end)

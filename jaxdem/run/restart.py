@@ -29,7 +29,7 @@ from jaxdem.particles.mesh_surface import MeshSurface
 from jaxdem.particles.neighbors import Neighbors, carry_history, carry_memory
 from jaxdem.setup.builder import Case
 from jaxdem.setup.start import with_mesh_memory
-from jaxdem.setup.start_point import ABOUT, StartPoint, wall_texts, walls_of
+from jaxdem.setup.start_point import ABOUT, StartPoint, mesh_texts, piston_texts, walls_of
 from jaxdem.setup.stored import ROWS, named, restored, stored, stored_room
 from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters, State
@@ -147,10 +147,10 @@ def about(case: Case, time: Fraction) -> tuple[dict[str, np.ndarray], dict[str, 
         "tables": json.dumps({name: tables[name] for name in ABOUT if name in tables}),
         "reach": json.dumps([] if search is None else search.limits),
         "walls": json.dumps(walls_of(case.scene, case.simulation)),
-        "pistons": json.dumps(wall_texts(wall for wall in case.scene.walls if wall.piston is not None)),
-        "meshes": json.dumps(wall_texts(wall for wall in case.scene.walls if wall.kind == "mesh")),
     }
     if case.particles is not None:
+        given = case.scene, case.particles.meshes
+        attributes |= {"pistons": json.dumps(piston_texts(*given)), "meshes": json.dumps(mesh_texts(*given))}
         arrays = {f"rows/{name}": np.asarray(value) for name, value in case.bodies._asdict().items()}
         for k, queue in enumerate(case.particles.queues):
             arrays |= {f"inlet/{k}/rows": queue.rows, f"inlet/{k}/time": queue.time}

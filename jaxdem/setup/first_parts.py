@@ -44,11 +44,11 @@ def _bonds(begun: Begun) -> BondState | None:
 
 def _wear(begun: Begun) -> tuple[WornMesh | None, ...]:
     new = not_worn(begun.particles.meshes, begun.dtype)
-    return new if begun.start is None else wear_of_meshes(begun.start, begun.scene, new)
+    return new if begun.start is None else wear_of_meshes(begun.start, begun.scene, begun.particles.meshes, new)
 
 
 FIRST: dict[str, Callable[[Begun], Any]] = {
-    "pistons": lambda begun: first_pistons(begun.scene, begun.dtype, begun.start),
+    "pistons": lambda begun: first_pistons(begun.scene, begun.particles.meshes, begun.dtype, begun.start),
     "bonds": _bonds,
     "mesh_wear": _wear,
 }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import math
 from functools import cached_property
 from typing import Any
@@ -66,6 +67,11 @@ class WallMesh:
     def moves(self) -> bool:
         """Whether it moves."""
         return self.wall.moves
+
+    @cached_property
+    def content(self) -> str:
+        """A fingerprint of its corners and cells, as they are placed."""
+        return hashlib.sha256(self.mesh.points.tobytes() + self.mesh.cells.tobytes()).hexdigest()
 
     @cached_property
     def _whole(self) -> SurfaceMesh:

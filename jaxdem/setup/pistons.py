@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,21 +11,30 @@ from jaxdem.errors import InputError, number_of_tables
 from jaxdem.numerics.host import on_device
 from jaxdem.particles.moving_walls import PistonState
 from jaxdem.scene import Scene
-from jaxdem.setup.start_point import StartPoint, wall_texts
+from jaxdem.setup.meshes import WallMesh
+from jaxdem.setup.start_point import StartPoint, piston_texts, wall_texts
 
 
-def first_pistons(scene: Scene, dtype: np.dtype[np.floating], start: StartPoint | None) -> PistonState | None:
+def first_pistons(
+    scene: Scene, meshes: Sequence[WallMesh], dtype: np.dtype[np.floating], start: StartPoint | None
+) -> PistonState | None:
     """Those of the run before go on, others begin at rest where the scene has them; None without.
+
+    Args:
+        scene: that begins.
+        meshes: its walls that are meshes.
+        dtype: of the arrays.
+        start: the run before; None where the scene begins at t = 0.
 
     Raises:
         InputError: a wall was a piston, has moved, and is none any more.
     """
-    now = wall_texts(wall for wall in scene.walls if wall.piston is not None)
+    now = piston_texts(scene, meshes)
     arrays, before = ({}, []) if start is None else (start.arrays, start.pistons)
     for number, text in enumerate(before):
         moved = float(arrays["state.particles.pistons.displacement"][number])
         if moved != 0.0 and text not in now:
-            there, remedy = wall_texts(scene.walls), "give the wall its piston again, or begin without [start]"
+            there, remedy = wall_texts(scene, meshes), "give the wall its piston again, or begin without [start]"
             if text in there:
                 limit = f"was a piston in the run before and has moved by {moved:.6g} m: the wall would jump back"
                 raise InputError(f"walls.{there.index(text)}.piston", None, limit, remedy)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from jaxdem.scene.walls import Wall
 from jaxdem.setup.arrivals import Queue
 from jaxdem.setup.bodies import Bodies
 from jaxdem.setup.bonds import STORED
+from jaxdem.setup.meshes import WallMesh
 from jaxdem.setup.start_frame import arrays_of_frame
 from jaxdem.setup.start_slabs import on_one_device
 from jaxdem.setup.time_steps import clock_of
@@ -37,6 +38,9 @@ NOT_OF_PLACE = ("name", "material", "temperature", "heat_flux", "wear")
 MAY_CHANGE = (*NOT_OF_PLACE, "motion", "piston", "fluid", "begin", "end")
 """Keys of a wall that a scene may change of a wall of the run that it begins from, which is then the same wall: what is
 kept at it goes on."""
+
+OF_CONTENT = ("file", "points", "scale", "rotate", "translate", "spacing", "closed", "repair")
+"""Keys of a mesh from which its triangles are made, which tell it apart, wherever the file lies."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -94,17 +98,17 @@ class StartPoint:
     @property
     def walls(self) -> list[str]:
         """What tells its walls apart, in the order in which contacts remember them."""
-        return _as_now(json.loads(str(self._about("walls"))))
+        return self._texts("walls")
 
     @property
     def pistons(self) -> list[str]:
         """What tells its pistons apart, in their order."""
-        return _as_now(json.loads(str(self.attributes.get("pistons", "[]"))))
+        return self._texts("pistons")
 
     @property
     def meshes(self) -> list[str]:
         """What tells its walls that are meshes apart, in their order."""
-        return _as_now(json.loads(str(self.attributes.get("meshes", "[]"))))
+        return self._texts("meshes")
 
     @property
     def sha256(self) -> str:
@@ -145,6 +149,24 @@ class StartPoint:
             found.append(Queue(rows, time, int(inserted[k])))
         return found
 
+    def _texts(self, name: str) -> list[str]:
+        """The texts of walls without what `MAY_CHANGE`, which earlier versions counted too.
+
+        Raises:
+            InputError: such a version told meshes apart by the names of their files.
+        """
+        found = []
+        for text in json.loads(str(self.attributes.get(name, "[]"))):
+            if text.startswith("{"):
+                own, end = json.JSONDecoder().raw_decode(text)
+                if own.get("kind") == "mesh" and "content" not in own:
+                    limit = "its checkpoint was written by an earlier version, which told meshes apart by their files"
+                    raise InputError("start.from", self.source, limit, "run that scene again")
+                kept = {key: value for key, value in own.items() if key not in MAY_CHANGE}
+                text = json.dumps(kept, sort_keys=True) + text[end:]
+            found.append(text)
+        return found
+
     def _about(self, name: str) -> Any:
         if name not in self.attributes:
             limit = "its checkpoint was written by a version of jaxdem that could not be started from"
@@ -168,32 +190,40 @@ def of_deposit(tables: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def wall_texts(walls: Iterable[Wall]) -> list[str]:
-    """What tells each wall of a scene from the others: where its keys have it. A further one at the same place has a
-    number behind it."""
+def wall_texts(scene: Scene, meshes: Sequence[WallMesh] = (), some: Callable[[Wall], bool] | None = None) -> list[str]:
+    """What tells each wall of a scene from the others: its place, and of a mesh its triangles. A further one at the
+    same place has a number behind it.
+
+    Args:
+        scene: the scene.
+        meshes: its walls that are meshes; without them texts of meshes tell nothing.
+        some: whether a wall is asked for; all by default.
+    """
+    content = {mesh.key: mesh.content for mesh in meshes}
     found: list[str] = []
-    for wall in walls:
-        own = wall.model_dump(mode="json", exclude_none=True, exclude=set(MAY_CHANGE))
+    for number, wall in enumerate(scene.walls):
+        left_out = {*MAY_CHANGE, *(OF_CONTENT if wall.kind == "mesh" else ())}
+        own = wall.model_dump(mode="json", exclude_none=True, exclude=left_out)
+        if wall.kind == "mesh":
+            own["content"] = content.get(f"walls.{number}")
         text = json.dumps(own, sort_keys=True)
         found.append(next(name for name in _with_numbers(text) if name not in found))
-    return found
+    return [text for wall, text in zip(scene.walls, found, strict=True) if some is None or some(wall)]
+
+
+def mesh_texts(scene: Scene, meshes: Sequence[WallMesh]) -> list[str]:
+    """The texts of its walls that are meshes, in their order."""
+    return wall_texts(scene, meshes, lambda wall: wall.kind == "mesh")
+
+
+def piston_texts(scene: Scene, meshes: Sequence[WallMesh]) -> list[str]:
+    """The texts of its walls that a force holds, in their order."""
+    return wall_texts(scene, meshes, lambda wall: wall.piston is not None)
 
 
 def _with_numbers(text: str) -> Iterator[str]:
     yield text
     yield from (f"{text} {number}" for number in itertools.count(2))
-
-
-def _as_now(texts: list[str]) -> list[str]:
-    """The texts of a checkpoint without what `MAY_CHANGE`, which earlier versions counted too."""
-    found = []
-    for text in texts:
-        if text.startswith("{"):
-            own, end = json.JSONDecoder().raw_decode(text)
-            kept = {key: value for key, value in own.items() if key not in MAY_CHANGE}
-            text = json.dumps(kept, sort_keys=True) + text[end:]
-        found.append(text)
-    return found
 
 
 def walls_of(scene: Scene, simulation: Simulation) -> list[str]:
@@ -202,7 +232,7 @@ def walls_of(scene: Scene, simulation: Simulation) -> list[str]:
         return []
     model = simulation.contact.model
     found = [scene.sides[2 * side.axis + (side.inward < 0)] for side in model.sides]
-    for wall, text in zip(scene.walls, wall_texts(scene.walls), strict=True):
+    for wall, text in zip(scene.walls, wall_texts(scene), strict=True):
         found += [f"{text} {part}" for part in range(len(surfaces_of(wall)))]
     functions = range(model.analytic_walls - len(found))
     return found + [f"function {k}" for k in functions]

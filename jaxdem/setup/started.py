@@ -94,7 +94,7 @@ class Beginning:
         particles = particles._replace(contact_spring=kept[: self._kept])
         particles = with_mesh_memory(particles, required(simulation.contact, "contact"), neighbors.room)
         if neighbors.meshes and not own.settings.relax:
-            given = self.start, self.scene, neighbors.meshes, particles.mesh_memory, own.placed
+            given = self.start, self.scene, own.meshes, neighbors.meshes, particles.mesh_memory, own.placed
             particles = particles._replace(mesh_memory=kept_of_meshes(*given, self._springs))
         return state._replace(particles=particles), neighbors
 

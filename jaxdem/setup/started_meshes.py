@@ -13,12 +13,17 @@ from jaxdem.particles.mesh_contact import MeshMemory
 from jaxdem.particles.mesh_list import MeshList
 from jaxdem.particles.wear import WornMesh
 from jaxdem.scene import Scene
-from jaxdem.setup.start_point import StartPoint, wall_texts
+from jaxdem.setup.meshes import WallMesh
+from jaxdem.setup.start_point import StartPoint, mesh_texts
+
+WORN = "state.particles.mesh_wear"
+"""Prefix of the wear of meshes in a checkpoint."""
 
 
 def kept_of_meshes(
     start: StartPoint,
     scene: Scene,
+    meshes: Sequence[WallMesh],
     lists: Sequence[MeshList],
     blank: Sequence[MeshMemory],
     rows: int,
@@ -29,12 +34,13 @@ def kept_of_meshes(
     Args:
         start: where the run before has got to.
         scene: that begins.
-        lists: of its meshes.
+        meshes: its walls that are meshes.
+        lists: of them.
         blank: of contacts that have just begun, for these lists.
         rows: number of particles of the run before, which have the first rows here.
         springs_of: from the name of an array of the particles to the stored components that contacts here keep too.
     """
-    here = wall_texts(wall for wall in scene.walls if wall.kind == "mesh")
+    here = mesh_texts(scene, meshes)
     found = []
     for text, listed, own in zip(here, lists, blank, strict=True):
         if text in start.meshes:
@@ -44,13 +50,15 @@ def kept_of_meshes(
     return tuple(found)
 
 
-def wear_of_meshes(start: StartPoint, scene: Scene, blank: Sequence[WornMesh | None]) -> tuple[WornMesh | None, ...]:
+def wear_of_meshes(
+    start: StartPoint, scene: Scene, meshes: Sequence[WallMesh], blank: Sequence[WornMesh | None]
+) -> tuple[WornMesh | None, ...]:
     """What has been taken from each mesh: that of one that was there already goes on, in the precision of `blank`."""
-    here = wall_texts(wall for wall in scene.walls if wall.kind == "mesh")
+    here = mesh_texts(scene, meshes)
     found = list(blank)
     for number, own in enumerate(blank):
         if own is not None and here[number] in start.meshes:
-            name = f"state.particles.mesh_wear[{start.meshes.index(here[number])}]"
+            name = f"{WORN}[{start.meshes.index(here[number])}]"
             dtype = own.volume.dtype
             stored = start.arrays.get(f"{name}.volume", np.zeros(own.volume.shape)).astype(float)
             stored = stored + start.arrays.get(f"{name}.volume_low", 0.0)
@@ -58,6 +66,14 @@ def wear_of_meshes(start: StartPoint, scene: Scene, blank: Sequence[WornMesh | N
             low = None if own.volume_low is None else on_device(stored - leading, dtype)
             found[number] = WornMesh(on_device(leading, dtype), low)
     return tuple(found)
+
+
+def unworn_meshes(start: StartPoint, scene: Scene, meshes: Sequence[WallMesh]) -> list[str]:
+    """Keys of the walls whose wear begins at zero, of a run before with walls that wear."""
+    if not any(name.startswith(WORN) for name in start.arrays):
+        return []
+    here = zip(meshes, mesh_texts(scene, meshes), strict=True)
+    return [mesh.key for mesh, text in here if mesh.wall.wear is not None and text not in start.meshes]
 
 
 def _moved(

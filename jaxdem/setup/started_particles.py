@@ -22,6 +22,7 @@ from jaxdem.setup.particles import ParticleSetup
 from jaxdem.setup.regions import region_space
 from jaxdem.setup.start_point import StartPoint
 
+
 @dataclasses.dataclass(frozen=True)
 class StartedParticles(ParticleSetup):
     """The particles of a scene with `[start]`.

@@ -15,7 +15,7 @@ from jaxdem.check.check import check_scene
 from jaxdem.errors import InputError, RunError
 from jaxdem.run.differentiable import rollout
 from jaxdem.setup.builder import build_case
-from jaxdem.setup.start_point import StartPoint, wall_texts
+from jaxdem.setup.start_point import StartPoint, piston_texts, wall_texts
 from tests.cases.moving_walls import grain, on_belt, path, pressed
 from tests.cases.tiers import COMBINATION
 
@@ -247,10 +247,15 @@ def test_walls_are_told_apart_by_their_places():
     tables = piston_tables() | {
         "walls": [plane | {"end": 0.01}, plane | {"begin": 0.01}, plane | {"normal": [1.0, 0.0]}]
     }
-    first, second, third = wall_texts(jaxdem.load_scene(tables).walls)
+    first, second, third = wall_texts(jaxdem.load_scene(tables))
     assert second == f"{first} 2" and third not in (first, second)
+    tables["walls"] = [plane, plane | {"piston": piston_tables()["walls"][0]["piston"]}]
+    assert piston_texts(jaxdem.load_scene(tables), ()) == [second], "numbers are those of all walls"
     before = json.dumps(['{"end": 3.0, "kind": "plane", "material": "steel"} 1', "left"])
     assert StartPoint("run", {}, {"walls": before}).walls == ['{"kind": "plane"} 1', "left"]
+    meshes = json.dumps(['{"file": "/drum.stl", "kind": "mesh"}'])
+    with pytest.raises(InputError, match=r"start\.from = 'run'.*told meshes apart by their files"):
+        _ = StartPoint("run", {}, {"meshes": meshes}).meshes
 
 
 def test_a_wall_faster_than_a_diameter_an_interval_is_met():

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import json
+import shutil
 
 import h5py
 import jax.numpy as jnp
@@ -10,6 +12,7 @@ import numpy as np
 import pytest
 
 import jaxdem
+from jaxdem.check.mesh_rows import mesh_cautions
 from jaxdem.errors import InputError
 from jaxdem.io.vtkhdf import ROOT
 from jaxdem.io.wall_file import WALLS
@@ -99,7 +102,23 @@ def test_wear_is_told(worn):
     assert run.history["wall_0_wear"][1] == pytest.approx(0.5 * told[0]["volume"], rel=1e-3, abs=0.0)
 
 
-def test_what_is_worn_is_in_no_frame(worn):
+def _goes_on_by_triangles(onward, volume, folder):
+    """A copy of its file is the same mesh; where the triangles are others, wear begins at zero, and it is said."""
+    moved = copy.deepcopy(onward)
+    moved["walls"][0]["file"] = str(shutil.copy(onward["walls"][0]["file"], folder / "copy.ply"))
+    case = build_case(jaxdem.load_scene(moved))
+    kept = case.initial_state()[0].particles.mesh_wear
+    assert float(jnp.sum(kept[0].volume)) == pytest.approx(volume, rel=1e-6, abs=0.0)
+    assert not list(mesh_cautions(case))
+    moved["walls"][0]["translate"][2] -= 0.01
+    case = build_case(jaxdem.load_scene(moved))
+    kept = case.initial_state()[0].particles.mesh_wear
+    assert float(jnp.sum(kept[0].volume)) == 0.0 < float(jnp.sum(kept[1].volume))
+    (told,) = mesh_cautions(case)
+    assert told.startswith("walls.0.wear begins at zero: the run ")
+
+
+def test_what_is_worn_is_in_no_frame(worn, tmp_path):
     """A scene that goes on from the end has it; one that would begin from a frame is refused."""
     tables = {name: value for name, value in worn[0].scene.items() if name != "particles"}
     onward = tables | {"time": {"end": 0.04, "output_interval": 0.01}, "start": {"from": str(worn[0].path)}}
@@ -107,6 +126,7 @@ def test_what_is_worn_is_in_no_frame(worn):
     kept = jaxdem.initial_state(scene, *jaxdem.build(scene))[0].particles.mesh_wear
     told = json.loads((worn[0].path / "summary.json").read_text())["wear"]
     assert float(jnp.sum(kept[0].volume)) == pytest.approx(told[0]["volume"], rel=1e-6, abs=0.0)
+    _goes_on_by_triangles(onward, told[0]["volume"], tmp_path)
     onward["start"]["time"] = 0.01
     with pytest.raises(InputError, match=r"start\.time.*wear"):
         jaxdem.build(jaxdem.load_scene(onward))
