@@ -141,8 +141,9 @@ class ExternalFluid(Simulation):
             start: the fluid then.
 
         Raises:
-            InputError: a field has another shape.
+            InputError: an argument is of another kind, or a field has another shape.
         """
+        _require(parameters, state, start=start)
         parameters = self.during(parameters, state.step)
         mixture, fluid = parameters.mixture, self._fluid(parameters, start, "start")
         particles = required(state.particles, "state.particles")
@@ -173,8 +174,10 @@ class ExternalFluid(Simulation):
             end: the fluid at its end, whose velocity is that of F(u); None for an F(u) at the velocity of the start.
 
         Raises:
-            InputError: a field has another shape, or the start has a stress and the end none.
+            InputError: an argument is of another kind, a field has another shape, or the start has a stress and the end
+                none.
         """
+        _require(parameters, state, start=start, **({} if end is None else {"end": end}))
         end = start if end is None else end
         if start.stress_divergence is not None and end.stress_divergence is None:
             # The viscous force is by the stress of the end alone, which that of the start does not replace.
@@ -285,6 +288,19 @@ class ExternalFluid(Simulation):
             return force
         buoyancy = jnp.broadcast_to(mixture.buoyancy, force.shape)
         return force + (buoyancy if particles.active is None else jnp.where(as_column(particles.active), buoyancy, 0.0))
+
+
+def _require(parameters: object, state: object, **fields: object) -> None:
+    """Refuses arguments of another kind, such as two in the wrong order.
+
+    Raises:
+        InputError: naming the first.
+    """
+    kinds: list[tuple[str, object, type]] = [("parameters", parameters, Parameters), ("state", state, State)]
+    for name, value, kind in (*kinds, *((name, given, FluidFields) for name, given in fields.items())):
+        if not isinstance(value, kind):
+            remedy = "give parameters, state, the list where one is asked for, and fields as jaxdem.FluidFields"
+            raise InputError(name, type(value).__name__, f"is no {kind.__name__}", remedy)
 
 
 def _gained(faces: FaceExchange, velocity: FaceField) -> FaceField:

@@ -150,10 +150,15 @@ def neighbors_from_jax_md(
         neighbor_list: a `jax_md.partition.NeighborList`, Dense, Sparse or OrderedSparse, that reaches cutoff + skin.
 
     Raises:
-        InputError: the scene has no particles, or is on several devices; the list has another number of particles,
-            dimension, precision or too short a reach. Where the arrays have values (not under jit, grad or vmap) also:
-            its reference positions are not those of the state, or a pair in reach is not in it, as with another box.
+        InputError: an argument is of another kind, the scene has no particles, or is on several devices; the list has
+            another number of particles, dimension, precision or too short a reach. Where the arrays have values (not
+            under jit, grad or vmap) also: its reference positions are not those of the state, or a pair in reach is not
+            in it, as with another box.
     """
+    for name, value, kind in (("simulation", simulation, Simulation), ("state", state, State)):
+        if not isinstance(value, kind):
+            remedy = "give simulation, state, neighbors and the list of jax-md, in this order"
+            raise InputError(name, type(value).__name__, f"is no {kind.__name__}", remedy)
     if simulation.contact is None or state.particles is None:
         raise InputError("simulation", "no particles", "a neighbour list needs some", "add [particles] to the scene")
     if simulation.cut is not None:

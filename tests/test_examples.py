@@ -5,13 +5,16 @@ from __future__ import annotations
 import importlib.util
 import json
 from pathlib import Path
+from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from pydantic import Field
 
 from jaxdem import InputError, build, load_scene
+from jaxdem.numerics.static import static
 from jaxdem.scene.base import Section
 from tests.cases.jax_md_alone import light_jax_md
 
@@ -64,6 +67,29 @@ def test_forces_of_ones_own_that_nothing_feels_are_refused():
     ):
         with pytest.raises(InputError, match=reason):
             build(load_scene(tables), forces=forces)
+
+
+def test_what_a_force_remembers_has_a_row_for_every_particle():
+    """(..., N, C): arrays of other shapes would be cut in the wrong place, on several devices or at a start."""
+    force = load(ROOT / "examples" / "extending" / "force.py")
+
+    @static
+    class Remembering(force.Thrust):
+        remembered: Any = None
+
+        def start(self, slip):
+            return self.remembered(slip)
+
+    def built(start):
+        return build(load_scene(force.SCENE), forces=[Remembering(size=1e-7, remembered=start)])
+
+    built(lambda slip: {"past": jnp.zeros((4, *slip.shape)), "age": slip[:, :1]})
+    for start, name in (
+        (lambda slip: slip[:, 0], r"forces\.thrust\.start = \(7,\)"),
+        (lambda slip: {"past": jnp.zeros((len(slip), 4, 2))}, r"forces\.thrust\.start\['past'\] = \(7, 4, 2\)"),
+    ):
+        with pytest.raises(InputError, match=f"{name}.*\\(N, 1\\)"):
+            built(start)
 
 
 def test_a_cohesion_of_ones_own():

@@ -205,6 +205,14 @@ def test_what_cannot_work_is_refused(cells):
     with pytest.raises(InputError, match=r"start.velocity = \(5, 6, 2\).*shape \(6, 5, 2\)"):
         cells.particles.exchange(cells.parameters, cells.state, turned)
     on_faces, parameters = jaxdem.external_fluid(scene(), placement="faces")
+    for wrong, name in (
+        ((cells.parameters, cells.state, fields.velocity), "start = 'ndarray': is no FluidFields"),
+        ((cells.state, cells.parameters, fields), "parameters = 'State': is no Parameters"),
+    ):
+        with pytest.raises(InputError, match=name):
+            cells.particles.exchange(*wrong)
+    with pytest.raises(InputError, match="end = 'ndarray': is no FluidFields"):
+        cells.particles.advance(cells.parameters, cells.state, cells.neighbors, fields, fields.velocity)
     with pytest.raises(InputError, match=r"\(7, 5\), \(6, 6\)"):
         on_faces.exchange(parameters, cells.state, fields)
     with pytest.raises(InputError, match=r"end\.stress_divergence: is missing, and the start has one"):

@@ -15,7 +15,16 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from jaxdem import InputError, build, external_fluid, initial_state, load_scene, rollout, simulate
+from jaxdem import (
+    InputError,
+    build,
+    external_fluid,
+    initial_state,
+    load_scene,
+    neighbors_from_jax_md,
+    rollout,
+    simulate,
+)
 from jaxdem.closures import KochHill, SubgridClosure
 from jaxdem.fluid.boundary import Side
 from jaxdem.fluid.inlet import Parabola
@@ -538,7 +547,7 @@ def test_what_is_no_scene_is_refused(tmp_path):
     run = tmp_path / "run"
     for out, options, name in (
         (None, {}, "out"), (run, {"progress": 3}, "progress"), (run, {"resume": "no"}, "resume"),
-        (run, {"profile": 2}, "profile"),
+        (run, {"profile": 2}, "profile"), (run, {"devices": 1.0}, "devices"), (run, {"devices": True}, "devices"),
     ):  # fmt: skip
         with pytest.raises(InputError, match=name):
             simulate(load_scene(VALID), out, **options)
@@ -565,6 +574,11 @@ def test_arguments_of_another_kind_are_refused_by_a_rollout_and_an_initial_state
             rollout(*good[:number], value, *good[number + 1 :])
     with pytest.raises(InputError, match="observe"):
         rollout(*good, observe=3)
+    with pytest.raises(InputError, match="reversible = 'no'"):
+        rollout(*good, reversible="no")
+    for first, name in (((state, simulation), "simulation"), ((simulation, parameters), "state")):
+        with pytest.raises(InputError, match=f"^{name} = .*in this order"):
+            neighbors_from_jax_md(*first, neighbors, None)
     for built, name in (((parameters, simulation), "simulation"), ((simulation, None), "parameters")):
         with pytest.raises(InputError, match=f"^{name} = .*jaxdem.build"):
             initial_state(scene, *built)

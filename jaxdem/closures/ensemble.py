@@ -43,11 +43,15 @@ class EnsembleClosure:
         """The ensemble of at least two closures of one structure.
 
         Raises:
-            InputError: fewer than two, or closures that differ in kind, base law, layers, activation, terms,
-                features or bound.
+            InputError: fewer than two, what is no learned closure, or closures that differ in kind, base law, layers,
+                activation, terms, features or bound.
         """
         if len(closures) < 2:
             raise InputError("ensemble", len(closures), "needs at least two members", "Train more networks.")
+        for one in closures:
+            if not isinstance(one, (PaperNetwork, InvariantClosure)):
+                limit = "has a member that is neither a PaperNetwork nor an InvariantClosure"
+                raise InputError("ensemble", one, limit, "Give those that were trained.")
         structures = {jax.tree.structure(closure) for closure in closures}
         shapes = {tuple(leaf.shape for leaf in jax.tree.leaves(closure)) for closure in closures}
         if len(structures) > 1 or len(shapes) > 1:

@@ -14,7 +14,7 @@ from jax import Array
 from jaxdem.closures.base import Drag, DragInputs
 from jaxdem.closures.correlation import Correlation
 from jaxdem.closures.koch_hill import KochHill
-from jaxdem.closures.network import Weights, initial_weights, normalised_inputs, perceptron
+from jaxdem.closures.network import Weights, base_law, initial_weights, normalised_inputs, perceptron
 from jaxdem.errors import InputError
 from jaxdem.numerics.vectors import row_lengths
 
@@ -146,19 +146,19 @@ class InvariantClosure:
         """The base law with an untrained correction, no normalisation, unlimited range.
 
         Raises:
-            InputError: unknown activation, term or feature, or an empty layer.
+            InputError: unknown term or feature, a base that is no drag law, or see `initial_weights`.
         """
         check_terms(terms)
         check_features(features)
         size = len(features)
         infinity = jnp.full(size, jnp.inf, jnp.float32)
         return cls(
-            weights=initial_weights((size, *hidden, 1 + len(terms)), activation, seed, zero_last=True),
+            weights=initial_weights(size, hidden, 1 + len(terms), activation, seed, zero_last=True),
             feature_mean=jnp.zeros(size, jnp.float32),
             feature_scale=jnp.ones(size, jnp.float32),
             feature_low=-infinity,
             feature_high=infinity,
-            base=KochHill() if base is None else base,
+            base=base_law(base, KochHill()),
             hidden=tuple(hidden),
             activation=activation,
             terms=tuple(terms),

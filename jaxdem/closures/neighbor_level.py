@@ -75,9 +75,9 @@ class Level:
             jnp.asarray(generator.normal(0.0, count**-0.5, (count, size)), jnp.float32)
             for count, size in zip(counts, sizes, strict=True)
         )
-        widths = (CONDITIONS + scalars + 5 * channels, *hidden, 1 + 9 * channels)
+        weights = initial_weights(CONDITIONS + scalars + 5 * channels, hidden, 1 + 9 * channels, "silu", seed)
         none = jnp.zeros(scalars, jnp.float32)
-        return cls(mixing, none, none, initial_weights(widths, "silu", seed), channels, "silu")
+        return cls(mixing, none, none, weights, channels, "silu")
 
     @property
     def width(self) -> Width:

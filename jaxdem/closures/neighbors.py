@@ -17,7 +17,7 @@ from jaxdem.closures.correlation import Correlation
 from jaxdem.closures.moments import MomentBasis, Offset, carried_counts, moments, with_wake
 from jaxdem.closures.neighbor_level import LARGE, ORDER, Level, Width
 from jaxdem.closures.neighbor_range import conditions, presence, quartic, range_weight
-from jaxdem.closures.network import constant
+from jaxdem.closures.network import base_law, constant
 from jaxdem.closures.tang import Tang
 from jaxdem.numerics.products import PRECISION
 
@@ -105,7 +105,7 @@ class NeighborClosure:
             levels.append(Level.initial(further, widths[1], seed + 1))
         scale = np.zeros((4, 6), np.float32)
         scale[:, 0] = np.log(SCALE)
-        law = Tang() if base is None else base
+        law = base_law(base, Tang())
         return cls(tuple(levels), jnp.asarray(scale), jnp.zeros(8, jnp.float32), law, basis, carried, wake)
 
     @property

@@ -15,7 +15,7 @@ from jax import Array
 from jaxdem.closures.base import Drag, DragInputs
 from jaxdem.closures.correlation import Correlation
 from jaxdem.closures.koch_hill import KochHill
-from jaxdem.errors import InputError
+from jaxdem.errors import InputError, is_whole
 from jaxdem.numerics.products import PRECISION
 
 ROWS_AT_ONCE = 5000
@@ -68,30 +68,48 @@ RANGE_RELATIVE_TOLERANCE = 0.01
 """... and by this part of its largest magnitude, so that an input constant in training survives rounding."""
 
 
-def initial_weights(widths: Sequence[int], activation: str, seed: int, zero_last: bool = False) -> Weights:
+def base_law(base: Correlation | None, default: Correlation) -> Correlation:
+    """The drag law that a closure stands on.
+
+    Raises:
+        InputError: it is none, such as the name of one.
+    """
+    if base is None:
+        return default
+    if not callable(base) or isinstance(base, type):
+        raise InputError("base", base, "is no drag law", "give an object: jaxdem.closures.drag_law(NAME)")
+    return base
+
+
+def initial_weights(
+    inputs: int, hidden: Sequence[int], outputs: int, activation: str, seed: int, zero_last: bool = False
+) -> Weights:
     """Random float32 weights, the same for the same seed.
 
     Kernels are uniform in +-sqrt(6 / (inputs + outputs of the layer)), biases zero (Glorot & Bengio 2010, eq.
     16, and what Keras, the library of the source paper, does). Drawn on the host, which compiles nothing.
 
     Args:
-        widths: number of inputs, of the neurons of each hidden layer, and of outputs.
+        inputs, outputs: numbers of them.
+        hidden: numbers of the neurons of each hidden layer.
         activation: a name of `ACTIVATIONS`.
         seed: of the draw.
         zero_last: the last layer is zero, so that the untrained network gives 0.
 
     Raises:
-        InputError: unknown activation, or a layer without neurons.
+        InputError: unknown activation, no list of layers, a layer without neurons, or a seed that is none.
     """
-    hidden = tuple(widths[1:-1])
-    if activation not in ACTIVATIONS:
+    if not isinstance(activation, str) or activation not in ACTIVATIONS:
         raise InputError("activation", activation, "is not known", f"Use one of {', '.join(ACTIVATIONS)}.")
-    if any(width < 1 for width in hidden):
-        raise InputError("hidden", hidden, "every layer needs a neuron", "Use widths of at least 1.")
+    if not isinstance(hidden, Sequence) or not all(is_whole(width) and width >= 1 for width in hidden):
+        limit = "is no list of the widths of the hidden layers; every layer needs a neuron"
+        raise InputError("hidden", hidden, limit, "Use whole numbers of at least 1, as in (8, 8).")
+    if not is_whole(seed) or seed < 0:
+        raise InputError("seed", seed, "must be a whole number from 0 up", "Give one.")
     generator, weights = np.random.default_rng(seed), {}
-    for layer, shape in enumerate(itertools.pairwise(widths)):
-        limit = 0.0 if zero_last and layer == len(hidden) else np.sqrt(6.0 / sum(shape))
-        kernel = generator.uniform(-limit, limit, shape).astype(np.float32)
+    for layer, shape in enumerate(itertools.pairwise((inputs, *hidden, outputs))):
+        bound = 0.0 if zero_last and layer == len(hidden) else np.sqrt(6.0 / sum(shape))
+        kernel = generator.uniform(-bound, bound, shape).astype(np.float32)
         weights[layer_name(layer)] = {"kernel": jnp.asarray(kernel), "bias": jnp.zeros(shape[1], jnp.float32)}
     return weights
 
@@ -203,19 +221,21 @@ class PaperNetwork:
         """Random weights, no normalisation, unlimited range.
 
         Raises:
-            InputError: unknown activation or an empty layer.
+            InputError: another dimension than 2 or 3, a base that is no drag law, or see `initial_weights`.
         """
+        if not is_whole(dimension) or dimension not in (2, 3):
+            raise InputError("dimension", dimension, "is neither 2 nor 3", "give that of the scene")
         inputs = 2 * dimension + 1
         infinity = jnp.full(inputs, jnp.inf, jnp.float32)
         return cls(
-            weights=initial_weights((inputs, *hidden, dimension), activation, seed),
+            weights=initial_weights(inputs, hidden, dimension, activation, seed),
             input_mean=jnp.zeros(inputs, jnp.float32),
             input_scale=jnp.ones(inputs, jnp.float32),
             input_low=-infinity,
             input_high=infinity,
             output_mean=jnp.zeros(dimension, jnp.float32),
             output_scale=jnp.ones(dimension, jnp.float32),
-            base=KochHill() if base is None else base,
+            base=base_law(base, KochHill()),
             hidden=tuple(hidden),
             activation=activation,
         )

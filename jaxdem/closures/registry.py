@@ -42,7 +42,7 @@ def drag_law(name: str, key: str = "coupling.drag") -> Correlation:
     Raises:
         InputError: no law has that name.
     """
-    if name not in DRAG_LAWS:
+    if not isinstance(name, str) or name not in DRAG_LAWS:
         near = difflib.get_close_matches(str(name), DRAG_LAWS, n=1)
         hint = f"Did you mean {near[0]!r}? " if near else ""
         raise InputError(key, name, "no drag law has this name", f"{hint}Use one of {', '.join(DRAG_LAWS)}.")

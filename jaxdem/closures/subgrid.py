@@ -59,9 +59,9 @@ class SubgridClosure:
         """A closure that gives no stress yet.
 
         Raises:
-            InputError: unknown activation or an empty layer.
+            InputError: see `initial_weights`.
         """
-        weights = initial_weights((FEATURES, *hidden, OUTPUTS), activation, seed, zero_last=True)
+        weights = initial_weights(FEATURES, hidden, OUTPUTS, activation, seed, zero_last=True)
         return cls(weights, tuple(hidden), activation)
 
     @classmethod

@@ -75,6 +75,8 @@ def rollout(
             number; traced (as an argument under jit, grad or vmap) it has no value.
     """
     _require(simulation, parameters, state, neighbors, steps, observe)
+    if not isinstance(reversible, (bool, np.bool_)):
+        raise InputError("reversible", reversible, "is neither True nor False", "give one of them")
     if simulation.fluid is not None and not isinstance(parameters.gravity, jax.core.Tracer):
         drive = simulation.fluid.solver.drive
         driven = (False,) * len(simulation.periodic) if drive is None else drive.driven

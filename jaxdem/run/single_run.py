@@ -11,6 +11,7 @@ import jax
 
 from jaxdem.closures.base import DragClosure
 from jaxdem.devices import divided
+from jaxdem.errors import is_whole
 from jaxdem.io import Run, RunDirectory, load_run, run_folder
 from jaxdem.io.probes import Columns
 from jaxdem.io.run_folder import CHECKPOINT, START
@@ -86,7 +87,7 @@ def placement_of(case: Case, options: RunOptions) -> Placement:
     Raises:
         InputError: something in the scene does not work on several devices, or there are not so many.
     """
-    if options.devices is None or options.devices == 1:
+    if options.devices is None or (is_whole(options.devices) and options.devices == 1):
         return OneDevice(case)
     given = (None, 0) if case.particles is None else (case.particles.position, case.particles.total)
     return Slabs(case, divided(case.simulation, options.devices, *given))

@@ -207,7 +207,7 @@ def build_case(
     dtype = _dtype(scene)
     check_memory(scene)
     require_read(scene, closure, extensions)
-    check_own_forces(extensions.get("forces") or (), scene.surface is not None)
+    check_own_forces(extensions.get("forces") or (), scene.dimension, scene.surface is not None)
     boundary = scene_boundary(scene, extensions.get("inlet_profiles"), extensions.get("side_conditions"))
     particles, fluid = _particles(scene, start), fluid_setup(scene, kept_liquid(scene, start))
     check_magnitudes(scene, NO_BODIES if particles is None else particles.bodies)

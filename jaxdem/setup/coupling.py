@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 
+import jax
+import numpy as np
+
 from jaxdem.coupling.coarse_inputs import CoarseInputs
 from jaxdem.coupling.coupled import Coupling
 from jaxdem.coupling.deposition import Centre, Deposition, Diffusion, Divided, Kernel, OwnKernel
@@ -66,15 +69,31 @@ def fluid_coupling(
     return Coupling(fluid, deposition, drag, _named_once((*_further_forces(table), *own)))
 
 
-def check_own_forces(own: Sequence[FluidForce], has_surface: bool) -> None:
-    """Refuses forces of the user among two fluids.
+ROWS = 7
+"""Particles for which the memory of a force of the user is looked at."""
+
+
+def check_own_forces(own: Sequence[FluidForce], dimension: int, has_surface: bool) -> None:
+    """Refuses forces of the user among two fluids, and those whose memory could not move with the particles.
+
+    Args:
+        own: the forces.
+        dimension: of the scene.
+        has_surface: whether it has two fluids.
 
     Raises:
-        InputError: the scene has two fluids.
+        InputError: the scene has two fluids, or an array that a force remembers has not the shape (..., N, C).
     """
     if own and has_surface:
         limit = "know the density and viscosity of one fluid alone, and the scene has two"
         raise InputError("forces", [force.name for force in own], limit, "leave them out, or remove [surface]")
+    for force in own:
+        kept = jax.eval_shape(force.start, jax.ShapeDtypeStruct((ROWS, dimension), np.float32))
+        for path, leaf in jax.tree_util.tree_leaves_with_path(kept):
+            if len(leaf.shape) < 2 or leaf.shape[-2] != ROWS:
+                name = f"forces.{force.name}.start{jax.tree_util.keystr(path)}"
+                limit = f"what a force remembers of N particles is of the shape (..., N, C); for N = {ROWS} it is this"
+                raise InputError(name, leaf.shape, limit, "give one number a particle as an array (N, 1)")
 
 
 def _named_once(forces: tuple[FluidForce, ...]) -> tuple[FluidForce, ...]:

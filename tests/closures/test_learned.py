@@ -21,6 +21,7 @@ from jaxdem.closures import (
     KochHill,
     PaperNetwork,
     SubgridClosure,
+    drag_law,
     load_closure,
     load_subgrid,
     save_closure,
@@ -103,7 +104,7 @@ def rotation_matrix(dimension, seed=3):
 def test_weights_are_those_of_a_flax_network(activation):
     """flax's own layers give what runs compute from the same weights; and its `init` makes weights of that layout."""
     values = jnp.asarray(np.random.default_rng(0).normal(size=(6, 5)))
-    closure = SimpleNamespace(weights=initial_weights((5, 7, 3, 2), activation, seed=1), activation=activation)
+    closure = SimpleNamespace(weights=initial_weights(5, (7, 3), 2, activation, seed=1), activation=activation)
     module, variables = flax_module(closure)
     variables = jax.tree.map(lambda leaf: leaf.astype(values.dtype), variables)
     found = jax.jit(partial(perceptron, activation=activation))(closure.weights, values=values)
@@ -284,6 +285,27 @@ def test_ensembles_have_one_structure():
         EnsembleClosure.of([InvariantClosure.initial(hidden=(width,)) for width in (3, 4)])
     with pytest.raises(InputError, match="at least two"):
         EnsembleClosure.of([InvariantClosure.initial()])
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: InvariantClosure.initial("koch_hill"), "base = 'koch_hill': is no drag law"),
+        (lambda: InvariantClosure.initial(KochHill), "base = .*is no drag law"),
+        (lambda: InvariantClosure.initial(hidden=8), "hidden = 8: is no list"),
+        (lambda: InvariantClosure.initial(hidden=(8.0,)), r"hidden = \(8\.0,\)"),
+        (lambda: InvariantClosure.initial(seed=-1), "seed = -1"),
+        (lambda: InvariantClosure.initial(activation=["elu"]), "activation = .*is not known"),
+        (lambda: PaperNetwork.initial(5), "dimension = 5: is neither 2 nor 3"),
+        (lambda: PaperNetwork.initial(KochHill()), "dimension = .*is neither 2 nor 3"),
+        (lambda: SubgridClosure.initial("8, 8"), "hidden = '8, 8'"),
+        (lambda: EnsembleClosure.of(["a.h5", "b.h5"]), "ensemble = 'a.h5': has a member"),
+        (lambda: drag_law(["stokes"]), "no drag law has this name"),
+    ],
+)
+def test_what_is_of_another_kind_is_refused_at_once(make, message):
+    with pytest.raises(InputError, match=message):
+        make()
 
 
 @pytest.mark.parametrize("make", [InvariantClosure.initial, lambda: PaperNetwork.initial(2)])

@@ -61,7 +61,7 @@ class Contribution(NamedTuple):
         impulse: (N, D) of the whole interval, spread evenly over its fluid steps [kg m/s].
         pending_impulse: (N, D) that the particles have got in the interval before and the faces have still to lose
             [kg m/s].
-        memory: pytree for `FluidForce.end`, with an axis of length N.
+        memory: pytree for `FluidForce.end`, of arrays (..., N, C).
     """
 
     force: Array | None = None
@@ -137,7 +137,7 @@ class FluidForce(ABC):
         """The contribution to the interval that begins, with what was remembered."""
 
     def end(self, mean: MeanForce, end: IntervalEnd) -> tuple[Array, Any]:
-        """Mean force that has acted on the particles (N, D) [N], and what is remembered."""
+        """Mean force that has acted on the particles (N, D) [N], and what is remembered, of the shapes of `start`."""
         return mean.given, mean.memory
 
     def added_density(self, properties: FluidProperties) -> Array | None:
