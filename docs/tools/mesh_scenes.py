@@ -52,10 +52,12 @@ def impact(run: Run) -> None:
 def silo(run: Run) -> None:
     """The silo while it empties, and the spheres in it over time."""
     found = json.loads(RESULTS.read_text())["silo_M1_large"]
-    figure, axes = panels(3, 11.0, 3.9)
+    figure, axes = panels(3, 11.0, 4.4)
     begin = float(run.times[0])
     times = (0.0, 0.1, 0.5)
     frames(figure, axes[:-1], run, tuple(begin + time for time in times))
+    # Away from the walls; "outlet" is the side at which spheres leave.
+    axes[0].legend(handles=axes[0].get_legend().legend_handles, loc="upper center", bbox_to_anchor=(0.5, 0.9))
     for axis, time in zip(axes[:-1], times, strict=True):
         axis.set(ylim=(0.0, 0.26), title=f"{time:.1f} s")
     axes[-1].plot(found["time_s"], found["inside"], label="run")
