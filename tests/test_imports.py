@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from pathlib import Path
 
 import jaxdem
@@ -151,6 +152,15 @@ def test_there_is_no_circle_of_modules():
 
     for module in sorted(set(MODULES) - {"jaxdem"}):
         visit(module)
+
+
+def test_every_module_of_setup_is_in_the_table_of_the_architecture():
+    page = (PACKAGE.parent / "docs" / "architecture.md").read_text()
+    table = page.partition("## From a scene to its parts")[2].partition("\n## ")[0]
+    there = {path.stem for name, path in MODULES.items() if name.startswith("jaxdem.setup.")}
+    named = set(re.findall(r"`([a-z_]+)`", table))
+    assert there - named == set(), "name it beside the modules of its subject"
+    assert {name for name in named - there if not hasattr(jaxdem, name)} <= {"build_case"}
 
 
 def test_public_functions_and_classes_say_what_they_are():

@@ -78,8 +78,8 @@ def lost_at_once(
     """(C, M) energy along the normal of contacts of the step before that are gone, less that of contacts that have come
     with some [J].
 
-    A contact begins and ends at once where the nearest point of a face gets to its border, as over the edge in a
-    valley, and where two contacts become one. The forces on the grain jump there, and its speed does not. A contact
+    A contact begins and ends at once where the nearest point of a face gets to its border, as over a concave
+    edge, and where two contacts become one. The forces on the grain jump there, and its speed does not. A contact
     that goes on at another face, with another gap, counts as one that ends and one that begins.
 
     Args:

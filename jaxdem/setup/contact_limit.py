@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from jaxdem.setup.stability import LinearContact
-from jaxdem.solids.valleys import Valley
+from jaxdem.solids.simultaneous_contacts import SimultaneousContacts
 
 ROOM = {0: (0,), 1: (2, 1), 2: (6, 4, 2), 3: (12, 9, 5, 3)}
 """Equal spheres that touch one at once, by free dimensions: in the pack, and with 1, 2, 3 walls in their place."""
@@ -46,7 +46,7 @@ def contact_stability_limit(
     walls: int,
     thin: int = 0,
     bonds: Callable[[float], float] | None = None,
-    valleys: Sequence[Valley] = (),
+    at_once: Sequence[SimultaneousContacts] = (),
 ) -> float:
     """Largest stable contact step, 2/omega_max with what dashpots take from it [s].
 
@@ -80,7 +80,7 @@ def contact_stability_limit(
         thin: number of these axes along which a particle may touch both walls.
         bonds: largest eigenvalue that bonds have by themselves over the mass, by the step: it adds to that of the
             contacts at most.
-        valleys: walls that are not at right angles, or faces of a mesh, that a particle may touch in the place of one
+        at_once: walls that are not at right angles, or faces of a mesh, that a particle may touch in the place of one
             wall.
 
     Source: derived here, as element bounds are for finite elements (B. M. Irons, Int. J. Numer. Methods Eng. 2
@@ -90,10 +90,10 @@ def contact_stability_limit(
     limit = math.inf
     for touching in range(min(walls - thin, free) + 1):
         at_walls = [_at_walls(wall, touching, thin)]
-        for valley in valleys:
+        for contacts in at_once:
             # What spans several dimensions leaves fewer for further walls.
-            if touching == 1 or 1 < touching <= free + 1 - valley.rank:
-                at_walls.append(_in_valley(at_walls[0], valley))
+            if touching == 1 or 1 < touching <= free + 1 - contacts.rank:
+                at_walls.append(_with_more(at_walls[0], contacts))
         for kinds in _neighbourhoods(mass, pairs, ROOM[free][touching], free):
             limit = min(limit, *(_limit_of(mass, (*kinds, held), bonds) for held in at_walls))
     return limit
@@ -162,11 +162,11 @@ def _at_walls(wall: LinearContact, touching: int, thin: int) -> _Touching:
     return _Touching(wall, 1.0, held, 2.0 if thin else min(held, 1.0), held, math.sqrt(touching))
 
 
-def _in_valley(held: _Touching, valley: Valley) -> _Touching:
-    """With the faces of a valley in the place of one of the walls."""
-    number = held.number - 1 + valley.number
-    lopsided = math.sqrt(held.lopsided**2 - 1.0 + valley.lopsided**2)
-    return held._replace(number=number, along=max(held.along, valley.along), axis=number, lopsided=lopsided)
+def _with_more(held: _Touching, contacts: SimultaneousContacts) -> _Touching:
+    """With these contacts in the place of one of the walls."""
+    number = held.number - 1 + contacts.number
+    lopsided = math.sqrt(held.lopsided**2 - 1.0 + contacts.lopsided**2)
+    return held._replace(number=number, along=max(held.along, contacts.along), axis=number, lopsided=lopsided)
 
 
 def _limit_of(mass: float, kinds: Sequence[_Touching], bonds: Callable[[float], float] | None) -> float:

@@ -15,12 +15,12 @@ from jaxdem.setup.bond_stability import bond_growth
 from jaxdem.setup.cohesion import largest_bridge_damping
 from jaxdem.setup.contact_bodies import ContactBody, ContactConstants, crowding, effective, pair_constants
 from jaxdem.setup.contact_limit import ROOM, Neighbours, contact_stability_limit
-from jaxdem.setup.curved_valleys import curved_valleys
+from jaxdem.setup.curved_wall_contacts import contacts_with_curved_walls
 from jaxdem.setup.lubrication import largest_resistance, largest_shear
 from jaxdem.setup.particles import ParticleSetup
+from jaxdem.setup.plane_wall_contacts import contacts_with_planes
 from jaxdem.setup.wall_functions import NO_FUNCTIONS, WallFunctions
-from jaxdem.setup.wall_valleys import plane_valleys
-from jaxdem.solids.valleys import Valley, worst_of
+from jaxdem.solids.simultaneous_contacts import SimultaneousContacts, worst_of
 
 
 def contact_stability(
@@ -57,10 +57,12 @@ def contact_stability(
     deepest = contacts.into_walls(grains)
 
     @functools.cache
-    def valleys(radius: float) -> tuple[Valley, ...]:
+    def at_once(radius: float) -> tuple[SimultaneousContacts, ...]:
         """Walls that a particle of this radius touches at once and that are not at right angles."""
-        found = plane_valleys(scene, particles.meshes, radius, deepest)
-        return worst_of((*_of_meshes(particles), *found, *curved_valleys(scene, own_walls, radius, deepest)))
+        found = contacts_with_planes(scene, particles.meshes, radius, deepest)
+        return worst_of(
+            (*_of_meshes(particles), *found, *contacts_with_curved_walls(scene, own_walls, radius, deepest))
+        )
 
     for body in grains:
         found = []
@@ -71,7 +73,7 @@ def contact_stability(
         mass = body.mass / crowding(particles)  # of a clump with so many times the contacts of a sphere
         wall = contacts.between(body, None)
         limits.append(
-            contact_stability_limit(mass, scene.dimension, found, wall, walls, thin, bonds, valleys(body.radius))
+            contact_stability_limit(mass, scene.dimension, found, wall, walls, thin, bonds, at_once(body.radius))
         )
     return min(limits) / own_walls.slope
 
@@ -162,10 +164,10 @@ def _walls_at_once(scene: Scene, own_walls: WallFunctions) -> int:
     return min(scene.dimension, scene.periodic.count(False) + surfaces)
 
 
-def _of_meshes(particles: ParticleSetup) -> list[Valley]:
+def _of_meshes(particles: ParticleSetup) -> list[SimultaneousContacts]:
     """The most faces of a mesh that a particle touches at once; none where they are at right angles."""
-    found = [mesh.valley for mesh in particles.meshes if mesh.valley is not None]
-    return [Valley(*map(max, zip(*found, strict=True)))] if found else []
+    found = [mesh.at_once for mesh in particles.meshes if mesh.at_once is not None]
+    return [SimultaneousContacts(*map(max, zip(*found, strict=True)))] if found else []
 
 
 def _pooled(grains: Sequence[ContactBody]) -> list[ContactBody]:

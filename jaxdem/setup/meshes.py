@@ -25,8 +25,8 @@ from jaxdem.solids.defects import Defects
 from jaxdem.solids.features import Features, features_of
 from jaxdem.solids.inside import inside
 from jaxdem.solids.owners import owners
+from jaxdem.solids.simultaneous_contacts import Piece, SimultaneousContacts, pieces_of, simultaneous_contacts_of
 from jaxdem.solids.surface_mesh import SurfaceMesh
-from jaxdem.solids.valleys import Piece, Valley, pieces_of, valley_of
 
 SAMPLES = 4096
 """Points of a mesh at which the room for its list is estimated."""
@@ -84,9 +84,9 @@ class WallMesh:
         return features_of(self._whole, self.both, math.radians(self.wall.smooth_angle or 0.0))
 
     @cached_property
-    def valley(self) -> Valley | None:
+    def at_once(self) -> SimultaneousContacts | None:
         """The most faces that a grain touches at once; None where they are at right angles."""
-        return valley_of(self._whole, self.features.faces.normal, self.features.faces.patch)
+        return simultaneous_contacts_of(self._whole, self.features.faces.normal, self.features.faces.patch)
 
     @cached_property
     def pieces(self) -> tuple[Piece, ...]:

@@ -56,9 +56,9 @@ MESH = {"kind": "mesh", "points": [[0.001, 0.002], [0.01, 0.0005], [0.019, 0.002
 
 ABOVE_MESH = {"position": [[x, y + 1.3e-3] for x, y in BOX["particles"]["position"]]}
 
-VALLEY = {
+CONCAVE = {
     "kind": "mesh",
-    "file": str(Path(__file__).parents[1] / "data" / "valley.obj"),
+    "file": str(Path(__file__).parents[1] / "data" / "concave_edge.obj"),
     "translate": [0.0, 0.0, -9.5e-4],
 }
 """Four triangles, two planes that meet in an edge."""
@@ -84,9 +84,9 @@ BODIES: dict[str, dict[str, Any]] = {
     "bonds that hold, on planes that oscillate": with_tables(
         BEAM, walls=[tilted(motion=SHAKE), FLOOR | {"motion": SHAKE}]
     ),
-    "spheres on a mesh in space": in_space(with_tables(BOX, walls=[VALLEY])),
+    "spheres on a mesh in space": in_space(with_tables(BOX, walls=[CONCAVE])),
     "rods on a mesh, JKR": with_tables(RODS, walls=[MESH], **OPTIONS["JKR"]),
-    "liquid bridges to a mesh in space": in_space(with_tables(BOX, walls=[VALLEY], **OPTIONS["liquid bridges"])),
+    "liquid bridges to a mesh in space": in_space(with_tables(BOX, walls=[CONCAVE], **OPTIONS["liquid bridges"])),
     "rods and a plane that comes and goes": with_tables(
         RODS, walls=[FLOOR | {"begin": 1e-3, "end": 6e-3}], coupling={"interval": 1e-3}
     ),

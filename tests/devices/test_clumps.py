@@ -210,7 +210,7 @@ def test_what_a_state_has_comes_back_unchanged():
             np.testing.assert_array_equal(np.asarray(other), np.asarray(one), err_msg=name)
 
 
-def rods_over_a_valley():
+def rods_over_a_concave_edge():
     """Four rods in pairs across the planes of two slabs, which meet by their ends as they turn; those in the middle
     fall on two lines that meet there."""
     particles = {
@@ -222,15 +222,15 @@ def rods_over_a_valley():
         "species": None,
         "shape": "rod",
     }
-    valley = {"kind": "mesh", "points": [[0.06, 0.018], [0.1275, 0.012], [0.2, 0.018]]}
-    return scene_of(particles=particles, walls=[valley])
+    sheet = {"kind": "mesh", "points": [[0.06, 0.018], [0.1275, 0.012], [0.2, 0.018]]}
+    return scene_of(particles=particles, walls=[sheet])
 
 
 @COMBINATION
 def test_the_gradient_is_that_on_one_device():
     """Of rods that collide across the borders and with a mesh on both sides of one, by every constant of bodies and
     contacts and by gravity."""
-    simulation, divided, parameters, one, slabs = pair_of(rods_over_a_valley(), 2)
+    simulation, divided, parameters, one, slabs = pair_of(rods_over_a_concave_edge(), 2)
 
     def objective(simulation, numbers, state, neighbors):
         bodies, contact, gravity = numbers

@@ -105,9 +105,9 @@ HILLS = {
 
 @pytest.mark.parametrize("kind", tiered(KINDS, first=["van_der_waals"]))
 def test_the_energy_of_grains_that_go_over_edges(kind):
-    """One that goes over a valley up to the top, and one that goes into another valley and out of it.
+    """One that goes over a concave edge up to the top, and one that goes into another one and out of it.
 
-    An attraction to the side of a valley that a grain leaves ends with it, at a gap at which it still acts.
+    An attraction to the side of a concave edge that a grain leaves ends with it, at a gap at which it still acts.
     """
     grains = {
         "position": [[0.003, 0.004 + 1.001 * RADIUS], [0.0105, 0.004 + 1.05 * RADIUS]],
@@ -128,7 +128,7 @@ def test_the_energy_of_grains_that_go_over_edges(kind):
 
 
 @pytest.mark.parametrize("kind", tiered(["nothing", *KINDS], first=["nothing", "jkr"]))
-def test_the_energy_of_a_grain_that_is_pressed_into_a_shallow_valley(kind):
+def test_the_energy_of_a_grain_that_is_pressed_into_a_shallow_concave_edge(kind):
     """It touches both sides; a contact comes and goes with the energy that its springs store at a depth. The first one
     is there from the start."""
     bend, weight = np.radians(4.0), 490.0
@@ -268,7 +268,7 @@ def test_the_gradient_by_the_work_of_adhesion_is_that_of_differences():
     assert slope == pytest.approx((more - less) / (2e-4 * float(own)), rel=1e-5)
 
 
-def test_films_at_both_sides_of_a_shallow_valley_only_slow_a_grain():
+def test_films_at_both_sides_of_a_shallow_concave_edge_only_slow_a_grain():
     """At the automatic step, which is that of both resistances together."""
     slope, step = np.radians(1.0), 1e-5
     side = 0.02 * np.array([np.cos(slope), np.sin(slope)])

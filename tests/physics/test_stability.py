@@ -22,8 +22,8 @@ from jaxdem.setup.stability import LinearContact
 from jaxdem.setup.time_steps import time_steps
 from jaxdem.setup.wall_functions import wall_functions
 from jaxdem.solids.features import features_of
+from jaxdem.solids.simultaneous_contacts import simultaneous_contacts_of
 from jaxdem.solids.surface_mesh import SurfaceMesh
-from jaxdem.solids.valleys import valley_of
 from tests.cases import extremes, stability, steps, surface_stability
 from tests.cases.tiers import COMBINATION, tiered
 
@@ -238,7 +238,7 @@ def test_predicted_limit_between_walls_that_are_not_at_right_angles(name, materi
     row = stability.contact_limit(name, material)
     assert (0.98 if material == "e = 1, mu = 0" else 0.5) <= row.ratio <= 1.012
     if name == "in a wedge of 150 degrees":
-        monkeypatch.setattr(contact_stability, "plane_valleys", lambda *_: ())
+        monkeypatch.setattr(contact_stability, "contacts_with_planes", lambda *_: ())
         assert stability.contact_limit(name, material).ratio > (1.2 if material == "e = 1, mu = 0" else 1.05)
 
 
@@ -250,12 +250,12 @@ def test_all_faces_of_a_pit_count_and_those_of_a_box_do_not():
     cells = np.stack([np.zeros(sides, int), 1 + np.arange(sides), 1 + (np.arange(sides) + 1) % sides], axis=1)
     pit = SurfaceMesh(np.concatenate([np.zeros((1, 3)), ring]), cells)
     faces = features_of(pit, True, np.radians(1.0)).faces
-    found = valley_of(pit, faces.normal, faces.patch)
+    found = simultaneous_contacts_of(pit, faces.normal, faces.patch)
     assert found.number == sides and found.along == pytest.approx(sides * np.cos(slope) ** 2, rel=1e-9)
     box = trimesh.creation.box()
     box = SurfaceMesh(np.asarray(box.vertices), np.asarray(box.faces))
     faces = features_of(box, True, np.radians(1.0)).faces
-    assert valley_of(box, faces.normal, faces.patch) is None
+    assert simultaneous_contacts_of(box, faces.normal, faces.patch) is None
 
 
 def test_walls_that_attract_more_than_grains_count_in_the_step():

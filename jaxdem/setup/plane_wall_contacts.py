@@ -1,7 +1,7 @@
 """Walls of a scene that a grain touches at once and that are not at right angles, for the contact step. Host, numpy.
 
-Sides of the box, planes and wedges with each other and with meshes. Those of a mesh alone are in `solids.valleys`,
-those of cylinders and functions in `curved_valleys`.
+Sides of the box, planes and wedges with each other and with meshes. Those of a mesh alone are in
+`solids.simultaneous_contacts`, those of cylinders and functions in `curved_wall_contacts`.
 """
 
 from __future__ import annotations
@@ -21,8 +21,14 @@ from jaxdem.setup.meshes import WallMesh
 from jaxdem.setup.wall_motion import placements_at, wall_speed
 from jaxdem.setup.walls import surfaces_of
 from jaxdem.solids.motion_tables import unit
+from jaxdem.solids.simultaneous_contacts import (
+    SAME,
+    SimultaneousContacts,
+    joined_sets,
+    simultaneous_contacts_among,
+    worst_of,
+)
 from jaxdem.solids.touched_planes import Planes, planes_at_once, planes_beside
-from jaxdem.solids.valleys import SAME, Valley, joined_sets, valley_among, worst_of
 
 TOUCHING = 1e-6
 """Gap over the radius of a grain up to which walls touch it [-]."""
@@ -143,7 +149,9 @@ def _slack(scene: Scene, wall: Wall, number: int, between: float) -> float:
     return 0.0 if not wall.motion or keeps_place(wall) else wall_speed(scene, number) * between
 
 
-def plane_valleys(scene: Scene, meshes: Sequence[WallMesh], radius: float, depth: float) -> tuple[Valley, ...]:
+def contacts_with_planes(
+    scene: Scene, meshes: Sequence[WallMesh], radius: float, depth: float
+) -> tuple[SimultaneousContacts, ...]:
     """The worst walls of the scene that a grain touches at once, of those that are not at right angles.
 
     Of planes that move all places count at which they are between two of the times that are looked at, and of pistons
@@ -157,7 +165,7 @@ def plane_valleys(scene: Scene, meshes: Sequence[WallMesh], radius: float, depth
         depth: largest overlap [m].
     """
     times, between = times_of(scene)
-    found: list[Valley] = []
+    found: list[SimultaneousContacts] = []
     looked_at: set[bytes] = set()
     for time in times:
         placements = placements_at(scene, time)
@@ -180,21 +188,21 @@ def plane_valleys(scene: Scene, meshes: Sequence[WallMesh], radius: float, depth
     return worst_of(found)
 
 
-def _of_planes(walls: PlaneWalls, planes: Planes) -> Iterator[Valley]:
+def _of_planes(walls: PlaneWalls, planes: Planes) -> Iterator[SimultaneousContacts]:
     """Of planes with each other."""
     joined = walls.joined
     if not joined.any():
         return
     reached = {tuple(part) for touched in planes_at_once(planes) for part in joined_sets(touched, joined)}
     for part in reached:
-        valley = valley_among(walls.normal[list(part)])
-        if valley is not None:
-            yield valley
+        found = simultaneous_contacts_among(walls.normal[list(part)])
+        if found is not None:
+            yield found
 
 
 def _beside_mesh(
     walls: PlaneWalls, mesh: WallMesh, placed: Placement | None, radius: float, depth: float
-) -> Iterator[Valley]:
+) -> Iterator[SimultaneousContacts]:
     """Of planes with what a grain touches of a mesh: its faces, and the edges and corners at which several meet."""
     planes = walls.around(radius, depth)
     turn = np.eye(mesh.mesh.dimension) if placed is None or placed.rotation is None else np.asarray(placed.rotation)
@@ -226,7 +234,7 @@ def _oblique(walls: PlaneWalls, total: np.ndarray) -> np.ndarray:
 
 def _with_pieces(
     walls: PlaneWalls, number: np.ndarray, total: np.ndarray, beside: np.ndarray, touched: np.ndarray
-) -> Iterator[Valley]:
+) -> Iterator[SimultaneousContacts]:
     """Of pieces with such sums over (Q,) faces, beside planes (Q, n) that are touched with them."""
     for row in np.unique(touched, axis=0):
         here = (touched == row).all(axis=1)
@@ -242,4 +250,4 @@ def _with_pieces(
         values = np.linalg.eigvalsh(tensor[more])
         rank = (values > PARALLEL).sum(axis=1)
         rows = zip(count[more].tolist(), values[:, -1].tolist(), rank.tolist(), strict=True)
-        yield from (Valley(*one) for one in set(rows) if one[1] > 1.0 + SAME)
+        yield from (SimultaneousContacts(*one) for one in set(rows) if one[1] > 1.0 + SAME)

@@ -1,6 +1,6 @@
 """Curved walls that a grain touches together with another wall: cylinders, and functions of the user. Host, numpy.
 
-Where it does is found by Newton's method from points all over the box. See `wall_valleys` for plane walls.
+Where it does is found by Newton's method from points all over the box. See `plane_wall_contacts` for plane walls.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from jaxdem.numerics.placement import Placement
 from jaxdem.particles.surfaces import Cylinder
 from jaxdem.scene import Scene
 from jaxdem.scene.fluid_walls import keeps_place
+from jaxdem.setup.plane_wall_contacts import PARALLEL, PlaneWalls, is_lasting, plane_walls, times_of
 from jaxdem.setup.wall_functions import WallFunctions
 from jaxdem.setup.wall_motion import placements_at
-from jaxdem.setup.wall_valleys import PARALLEL, PlaneWalls, is_lasting, plane_walls, times_of
 from jaxdem.setup.walls import surfaces_of
-from jaxdem.solids.valleys import Valley, worst_of
+from jaxdem.solids.simultaneous_contacts import SimultaneousContacts, worst_of
 
 POINTS = 64
 """Places in the box from which two walls are approached."""
@@ -36,7 +36,9 @@ Distances = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 """Points (P, D) [m] -> distances of n walls (P, n) [m], and their slopes (P, n, D)."""
 
 
-def curved_valleys(scene: Scene, functions: WallFunctions, radius: float, depth: float) -> tuple[Valley, ...]:
+def contacts_with_curved_walls(
+    scene: Scene, functions: WallFunctions, radius: float, depth: float
+) -> tuple[SimultaneousContacts, ...]:
     """The worst of curved walls with each other, with sides of the box and with planes, of those that a grain touches
     at once and that are not at right angles.
 
@@ -52,7 +54,7 @@ def curved_valleys(scene: Scene, functions: WallFunctions, radius: float, depth:
     if not cylinders and functions.distances is None:
         return ()
     times, between = times_of(scene)
-    found: list[Valley] = []
+    found: list[SimultaneousContacts] = []
     for time in times:
         placements = placements_at(scene, time)
         planes = plane_walls(scene, placements, between)
@@ -99,7 +101,7 @@ def _found(
     lasting: Sequence[bool],
     radius: float,
     depth: float,
-) -> Iterator[Valley]:
+) -> Iterator[SimultaneousContacts]:
     """At one time; `lasting` are the curved walls that are always there."""
     size = np.asarray(scene.domain.size)
     tolerance = ROUNDING * float(size.max())
@@ -136,7 +138,7 @@ def _found(
     for one in pairs:
         own = there & (pair == one).all(axis=1)
         if own.any():
-            yield from _valleys(normal[own], touched[own], one, slack > 0.0)
+            yield from _at_points(normal[own], touched[own], one, slack > 0.0)
 
 
 def _approached(distances: Distances, pair: np.ndarray, wanted: np.ndarray, x: np.ndarray) -> np.ndarray:
@@ -155,7 +157,9 @@ def _approached(distances: Distances, pair: np.ndarray, wanted: np.ndarray, x: n
     return x
 
 
-def _valleys(normal: np.ndarray, touched: np.ndarray, pair: tuple[int, int], moves: np.ndarray) -> Iterator[Valley]:
+def _at_points(
+    normal: np.ndarray, touched: np.ndarray, pair: tuple[int, int], moves: np.ndarray
+) -> Iterator[SimultaneousContacts]:
     """At points with unit normals (P, n, D) of the walls that are touched there (P, n); with a pair of them goes what
     is not at right angles to one of the two."""
     cosine = np.abs(normal @ normal[:, pair].transpose(0, 2, 1))
@@ -168,4 +172,4 @@ def _valleys(normal: np.ndarray, touched: np.ndarray, pair: tuple[int, int], mov
     values = np.linalg.eigvalsh(felt.transpose(0, 2, 1) @ felt)
     for number in np.unique(with_pair.sum(axis=1)):
         own = values[with_pair.sum(axis=1) == number]
-        yield Valley(int(number), float(own[:, -1].max()), int((own > PARALLEL).sum(axis=1).min()))
+        yield SimultaneousContacts(int(number), float(own[:, -1].max()), int((own > PARALLEL).sum(axis=1).min()))

@@ -15,10 +15,10 @@ SAME = 1e-9
 """Sum of cos^2 above 1, and cosine above 0, that count as rounding [-]."""
 
 STEEPEST = 20.0
-"""Distance of a centre from the bottom of a valley over the radius, above which no sphere is taken to touch it [-]."""
+"""Distance of a centre from a concave edge over the radius, above which no sphere is taken to touch it [-]."""
 
 
-class Valley(NamedTuple):
+class SimultaneousContacts(NamedTuple):
     """Contacts of a sphere with faces that meet at a point, or with walls that it touches at once.
 
     Attributes:
@@ -37,21 +37,21 @@ class Valley(NamedTuple):
         """What |sum of the normals| is at most: the sum of all products of two is below number times along [-]."""
         return math.sqrt(self.number * self.along)
 
-    def within(self, other: Valley) -> bool:
+    def within(self, other: SimultaneousContacts) -> bool:
         """Whether the other one is as bad in everything."""
         return self.number <= other.number and self.along <= other.along and self.rank >= other.rank
 
 
-def worst_of(valleys: Iterable[Valley]) -> tuple[Valley, ...]:
+def worst_of(contacts: Iterable[SimultaneousContacts]) -> tuple[SimultaneousContacts, ...]:
     """Those that no other one is as bad as."""
-    found: list[Valley] = []
-    for valley in sorted(set(valleys), reverse=True):
-        if not any(valley.within(other) for other in found):
-            found = [other for other in found if not other.within(valley)] + [valley]
+    found: list[SimultaneousContacts] = []
+    for one in sorted(set(contacts), reverse=True):
+        if not any(one.within(other) for other in found):
+            found = [other for other in found if not other.within(one)] + [one]
     return tuple(found)
 
 
-def valley_of(mesh: SurfaceMesh, normal: np.ndarray, patch: np.ndarray) -> Valley | None:
+def simultaneous_contacts_of(mesh: SurfaceMesh, normal: np.ndarray, patch: np.ndarray) -> SimultaneousContacts | None:
     """The most faces, and the most that face one way, among those that meet at a point; None where they are at right
     angles everywhere.
 
@@ -68,7 +68,7 @@ def valley_of(mesh: SurfaceMesh, normal: np.ndarray, patch: np.ndarray) -> Valle
     steep = along > 1.0 + SAME
     if not steep.any():
         return None
-    return Valley(int(around.number[steep].max()), float(along.max()))
+    return SimultaneousContacts(int(around.number[steep].max()), float(along.max()))
 
 
 class FacesAt(NamedTuple):
@@ -90,7 +90,7 @@ def faces_at(place: np.ndarray, owner: np.ndarray, normal: np.ndarray, patch: np
 
     Args:
         place, owner: (Q,) numbers of a place and of a cell there.
-        normal, patch: see `valley_of`.
+        normal, patch: see `simultaneous_contacts_of`.
         count: number of places.
     """
     _, first = np.unique(place * (int(patch.max(initial=0)) + 1) + patch[owner], return_index=True)
@@ -117,7 +117,7 @@ class Piece(NamedTuple):
 
 
 def pieces_of(mesh: SurfaceMesh, normal: np.ndarray, patch: np.ndarray) -> tuple[Piece, ...]:
-    """Faces of a mesh, and edges and corners at which smooth patches meet; see `valley_of`."""
+    """Faces of a mesh, and edges and corners at which smooth patches meet; see `simultaneous_contacts_of`."""
     one = FacesAt(np.ones(len(normal), int), normal[:, :, None] * normal[:, None, :], normal)
     found, edges = [Piece(mesh.corners, normal, one)], edges_of(mesh)
     owner = np.repeat(np.arange(len(mesh.cells)), mesh.dimension)
@@ -153,9 +153,9 @@ def joined_sets(touched: np.ndarray, joined: np.ndarray) -> list[np.ndarray]:
     return found
 
 
-def valley_among(normal: np.ndarray) -> Valley | None:
+def simultaneous_contacts_among(normal: np.ndarray) -> SimultaneousContacts | None:
     """Of walls with these normals (n, D), touched at once; None if they are at right angles."""
     along = float(np.linalg.eigvalsh(normal.T @ normal)[-1])
     if along <= 1.0 + SAME:
         return None
-    return Valley(len(normal), along, int(np.linalg.matrix_rank(normal, tol=1e-6)))
+    return SimultaneousContacts(len(normal), along, int(np.linalg.matrix_rank(normal, tol=1e-6)))
