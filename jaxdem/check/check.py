@@ -16,6 +16,7 @@ from jaxdem.check.engineering import Number, ScreenLoad, engineering_numbers, sc
 from jaxdem.check.grain_figures import particle_figures
 from jaxdem.check.heat import heat_numbers
 from jaxdem.check.mesh_rows import mesh_cautions, mesh_rows
+from jaxdem.check.opening_rows import opening_cautions, opening_rows
 from jaxdem.check.over_devices import WORKING_COPIES, DeviceReport, check_devices, processes_that_pay
 from jaxdem.check.packs import bond_rows, pack_rows
 from jaxdem.check.probe_rows import probe_cautions, probe_rows
@@ -76,6 +77,7 @@ class CheckReport:
         probes: of each probe its name, and what it costs and writes.
         packs: of the start, columns of its file that are not read, and bonds, as (name, text).
         meshes: walls that are meshes, as (key, text).
+        openings: inlets and outlets on walls that the fluid sees, as (key, text).
         start: what the scene begins from, see `Case.start_figures`; {} where it begins at t = 0.
         devices: what it will be on several devices; None where none are asked for.
         processes: what it would be in as many processes as this machine has cores for and are worth it; None for one,
@@ -115,6 +117,7 @@ class CheckReport:
     probes: tuple[tuple[str, str], ...]
     packs: tuple[tuple[str, str], ...]
     meshes: tuple[tuple[str, str], ...]
+    openings: tuple[tuple[str, str], ...]
     start: dict[str, object]
     devices: DeviceReport | None
     processes: DeviceReport | None
@@ -133,6 +136,7 @@ CAUTIONS: tuple[Callable[[Case], Iterable[str]], ...] = (
     lambda case: case.unread,
     probe_cautions,
     mesh_cautions,
+    opening_cautions,
 )
 """What is said of what seldom does what was meant, in the order of the report."""
 
@@ -196,6 +200,7 @@ def check_scene(scene: Scene, start: StartPoint | None = None, devices: int | No
         probes=probe_rows(case, state, neighbors),
         packs=tuple(row for of_part in ROWS for row in of_part(case.particles)),
         meshes=mesh_rows(case),
+        openings=opening_rows(case),
         start=case.start_figures,
         devices=over,
         processes=processes,

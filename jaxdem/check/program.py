@@ -72,6 +72,7 @@ def _fluid_parts(scene: Scene, simulation: Simulation, parameters: Parameters) -
         ("mixing length over a bed", parameters.fluid.bed_mixing is not None),
         ("learned subgrid stress", parameters.fluid.subgrid is not None),
         (f"mesh cut by {solver.surfaces or 'the'} surfaces", solver.surfaces > 0),
+        ("inlets and outlets on walls", bool(solver.openings)),
         ("a second fluid with a sharp surface", isinstance(solver, TwoFluidSolver)),
         ("surface tension", isinstance(solver, TwoFluidSolver) and solver.has_tension),
         ("weight at an oblique surface", isinstance(solver, TwoFluidSolver) and solver.oblique_gravity),

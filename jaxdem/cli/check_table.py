@@ -41,6 +41,7 @@ def render(report: CheckReport) -> Group:
         "Time steps": _steps(report),
         "Resolution": _resolution(report),
         "Meshes": report.meshes,
+        "Openings of walls": report.openings,
         "Probes": report.probes,
         "Engineering numbers": [(n.name, _number(n)) for n in report.numbers],
         "Wall time (estimate)": _wall_time(report),

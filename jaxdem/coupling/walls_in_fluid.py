@@ -20,6 +20,7 @@ from jax import Array
 from jaxdem.coupling.body_grid import BodyGrid
 from jaxdem.coupling.new_cells import in_new_bodies, in_new_cells
 from jaxdem.coupling.open_parts import cut_cells, on_corners, places_in_box
+from jaxdem.coupling.openings import OpeningPlace, opening_parts
 from jaxdem.coupling.pistons_in_fluid import PistonInFluid, gaps_of
 from jaxdem.coupling.surface_velocity import swept, with_velocity
 from jaxdem.errors import required
@@ -107,11 +108,13 @@ class WallsInFluid:
         grid: its mesh.
         moving: the surfaces that move, come or vanish; at least one.
         pistons: those of them that a force holds.
+        openings: of all walls that the fluid sees.
     """
 
     grid: Grid
     moving: tuple[MovingSurface, ...]
     pistons: tuple[PistonInFluid, ...] = ()
+    openings: tuple[OpeningPlace, ...] = ()
 
     def in_blocks(self, blocks: Blocks) -> WallsInFluid:
         """The walls as a slab of the box sees them."""
@@ -154,7 +157,7 @@ class WallsInFluid:
         if not self.change_place:
             end = pairs.total(start, pairs.as_pair(duration))
             cut = self.with_velocities(cut, still.distances, numbers, end)
-            return properties._replace(cut=cut), state
+            return properties._replace(cut=self._opened(cut, still.distances, numbers, end)), state
         former = self.cut(still, self.places(still, numbers, start, before_it))
         cut, opened = self.cut_and_swept(still, numbers, times, middle)
         renewed = self._renewed(before_it, middle)
@@ -188,6 +191,7 @@ class WallsInFluid:
             cut = cut._replace(unit_swept=units, interval=duration, piston_gaps=gaps)
         xp = namespace(now[0])
         cut = cut._replace(distance=xp.min(xp.stack([on_corners(self.grid, d) for d in now]), axis=0))
+        cut = self._opened(cut, now, numbers, end)
         return cut, self._swept(still, cut, now, means)
 
     def _unit_swept(
@@ -242,6 +246,21 @@ class WallsInFluid:
                 mean = (means or {}).get(surface.number)
                 placed[surface.number] = surface.at(numbers, time, self.grid.dimension) if mean is None else mean
         return with_velocity(self.grid, cut, distances, placed)
+
+    def _opened(self, cut: CutCells, distances: Sequence[Array], numbers: Sequence[Numbers], time: Pair) -> CutCells:
+        """The open parts with the openings at a time; the same without any."""
+        if not self.openings:
+            return cut
+        dimension, of_wall = self.grid.dimension, {s.wall: s for s in self.moving if s.motion is not None}
+        return cut._replace(
+            openings=tuple(
+                opening_parts(
+                    self.grid, cut, distances, place,
+                    of_wall[place.wall].at(numbers, time, dimension) if place.wall in of_wall else None,
+                )
+                for place in self.openings
+            )
+        )  # fmt: skip
 
     def _renewed(self, before: Array, now: Array) -> Array | None:
         """() bool, whether a wall has come or vanished between the intervals with these middles [s]; None where none

@@ -16,7 +16,7 @@ from jaxdem.fluid.inlet import InletProfile
 from jaxdem.fluid.mesh import Ends, at_side, beyond, layers, of_slab, with_ends
 from jaxdem.fluid.side_conditions import CONDITIONS, Inlet, SideCondition
 from jaxdem.numerics.static import static
-from jaxdem.numerics.tables import at_time
+from jaxdem.numerics.tables import at_time, largest_between
 
 
 @static
@@ -153,11 +153,11 @@ def net_inflow(grid: Grid, boundary: Boundary, side_velocity: Sequence[np.ndarra
     return net, gross
 
 
-def ramp(side: Side, time: Array) -> Array:
-    """Factor of a side's velocity at a time: rises linearly from 0 to 1 over the ramp."""
-    if side.ramp_time == 0.0:
+def ramp(ramp_time: float, time: Array) -> Array:
+    """Factor of a velocity at a time [s]: rises linearly from 0 to 1 over the ramp [s]."""
+    if ramp_time == 0.0:
         return jnp.ones_like(time)
-    return jnp.clip(time / side.ramp_time, 0.0, 1.0)
+    return jnp.clip(time / ramp_time, 0.0, 1.0)
 
 
 def velocity_at(side: Side, velocity: Array, time: Array) -> Array:
@@ -170,7 +170,7 @@ def velocity_at(side: Side, velocity: Array, time: Array) -> Array:
         velocity: (D,), or (T, D) at the side's T times [m/s].
         time: () [s].
     """
-    return ramp(side, time) * at_time(side.times, velocity, time)
+    return ramp(side.ramp_time, time) * at_time(side.times, velocity, time)
 
 
 class Sides(NamedTuple):
@@ -200,13 +200,7 @@ def largest_inflow(side: Side, velocity: Array, start: Array, stop: Array) -> Ar
         start: () [s].
         stop: () [s].
     """
-    normal = jnp.abs(velocity[..., side.axis])
-    if side.times is not None:
-        times = jnp.asarray(side.times, velocity.dtype)
-        passed = jnp.max(jnp.where((times >= start) & (times <= stop), normal, 0.0))
-        held = dataclasses.replace(side, ramp_time=0.0)
-        ends = [jnp.abs(velocity_at(held, velocity, time)[side.axis]) for time in (start, stop)]
-        normal = jnp.maximum(passed, jnp.maximum(*ends))
+    normal = largest_between(side.times, velocity[..., side.axis], start, stop)
     for profile in side.profile or ():
         normal = normal if profile is None else profile.peak * normal
     return normal

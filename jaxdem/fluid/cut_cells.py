@@ -39,6 +39,22 @@ LEAST_INERTIA = 0.5
 """Of a control volume, in parts of a whole one [-]."""
 
 
+class OpeningParts(NamedTuple):
+    """The part of a surface that is an inlet or outlet, see `openings`; traced.
+
+    Attributes:
+        supply: of the cells, area of the opening over the volume of a whole cell [1/m].
+        velocity: of what comes in at 1 m/s, the mean over the surface beside every face [-].
+        normal: of the surface beside every face, into the fluid [-].
+        area: () of the opening [m2].
+    """
+
+    supply: Array
+    velocity: FaceField
+    normal: FaceField
+    area: Array
+
+
 class CutCells(NamedTuple):
     """What surfaces leave open of a mesh; traced.
 
@@ -63,6 +79,9 @@ class CutCells(NamedTuple):
         piston_gaps: (H, S) between pistons and the surfaces that they must not meet; None without pistons [m].
         renewed: () bool, a surface has come or vanished since the last interval; None where none does in the run.
         layers: of two fluids, see `cut_liquid`; None of one [-].
+        openings: inlets and outlets on the surfaces; None without.
+        supply: volume that comes in through them over that of a whole cell, within a step; None without [1/s].
+        brought: velocity that it brings to every face, within a step; None without [m/s2].
     """
 
     open_faces: FaceField
@@ -81,6 +100,9 @@ class CutCells(NamedTuple):
     piston_gaps: Array | None = None
     renewed: Array | None = None
     layers: Array | None = None
+    openings: tuple[OpeningParts, ...] | None = None
+    supply: Array | None = None
+    brought: FaceField | None = None
 
     @property
     def inertia(self) -> FaceField:

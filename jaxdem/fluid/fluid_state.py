@@ -85,6 +85,8 @@ class FluidProperties(NamedTuple):
             [m/s2].
         still: what `coupling.walls_in_fluid` makes `cut` of in every interval; None where no surface moves.
         second: the other one of two fluids with a sharp surface; None where there is one fluid alone.
+        openings: of surfaces within the mesh, see `openings`: speed [m/s] or flow [m3/s] of each, () or (T,) of one
+            with T times; zero of an outlet.
     """
 
     density: Array
@@ -99,6 +101,7 @@ class FluidProperties(NamedTuple):
     buoyancy: FaceField | None = None
     still: StillDistances | None = None
     second: SecondFluid | None = None
+    openings: tuple[Array, ...] = ()
 
 
 class FaceExchange(NamedTuple):

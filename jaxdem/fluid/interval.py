@@ -20,6 +20,8 @@ from jaxdem.fluid.fluid_state import FluidProperties, FluidState, FluidStep
 from jaxdem.fluid.grid import FaceField, Grid, along, face_average
 from jaxdem.fluid.mesh import at_side, of_slab
 from jaxdem.fluid.momentum import FluidSolver
+from jaxdem.fluid.momentum_step import or_one
+from jaxdem.fluid.openings import Openings
 from jaxdem.fluid.surface_response import SurfaceResponse
 from jaxdem.fluid.volume_of_fluid import surface_courant
 from jaxdem.numerics.batches import cond_in_batch
@@ -248,6 +250,11 @@ class FluidInterval:
                 beside = jnp.where(of_slab(grid, coverage(grid, side) > 0.0), beside, 1.0)
                 inflow = inflow / jnp.min(at_side(grid, side.axis, side.upper, beside, 1.0))
             speeds[side.axis] = jnp.maximum(speeds[side.axis], inflow / grid.spacing[side.axis])
+        if properties.cut is not None and self.solver.openings:
+            openings = Openings(grid, self.solver.boundary, self.solver.openings)
+            times = time, time + self.duration
+            through = openings.rates(properties.cut, properties.openings, times, or_one(state.void_fraction))
+            speeds = [jnp.maximum(a, b) for a, b in zip(speeds, through, strict=True)]
         rate = jnp.sum(largest(grid.blocks, jnp.stack(speeds)))
         cut = properties.cut
         if state.liquid_fraction is None:

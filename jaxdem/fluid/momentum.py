@@ -40,6 +40,7 @@ from jaxdem.fluid.grid import (
 )
 from jaxdem.fluid.momentum_rates import MomentumRates, Rates
 from jaxdem.fluid.momentum_step import MomentumStep, or_one
+from jaxdem.fluid.openings import Opening, Openings
 from jaxdem.fluid.projection import Continuity, open_section, pressure_slope, product
 from jaxdem.fluid.side_forces import pressure_on_sides
 from jaxdem.fluid.step_loads import StepLoads
@@ -63,6 +64,7 @@ class FluidSolver:
         measured_sides: of the box, whose loads are found, see `side_forces`; none: no such term is compiled.
         surfaces: number of surfaces within the mesh, see `cut_cells`.
         keeps_flux: whether the volume flux of every step is told, for the scalars that it carries.
+        openings: inlets and outlets on these surfaces.
 
     Source of the models: Z. Y. Zhou, S. B. Kuang, K. W. Chu, A. B. Yu, J. Fluid Mech. 661 (2010) 482-510, sets II
     and III.
@@ -77,6 +79,7 @@ class FluidSolver:
     measured_sides: tuple[int, ...] = ()
     surfaces: int = 0
     keeps_flux: bool = False
+    openings: tuple[Opening, ...] = ()
 
     @property
     def shares_stress(self) -> bool:
@@ -102,7 +105,8 @@ class FluidSolver:
         """
         begun = self._begun(properties, state, (time, time_step), particles)
         mean, predicted = begun.predicted()
-        grid, cut, state = self.grid, properties.cut, begun.state
+        properties, state = begun.properties, begun.state
+        grid, cut = self.grid, properties.cut
         push = tuple(
             (time_step / properties.density) * w * m for w, m in zip(begun.weight, begun.mobility, strict=True)
         )
@@ -148,16 +152,7 @@ class FluidSolver:
         old = face_average(grid, or_one(state.void_fraction))
         new = face_average(grid, or_one(void_fraction))
         weight = self._weight(new, weighting)
-        growth: Array | float = 0.0
-        if void_fraction is not None:
-            growth = (void_fraction - required(state.void_fraction, "void_fraction of the fluid")) / time_step
-            if properties.cut is not None:
-                growth = properties.cut.growth(grid, growth, not self.boundary.has_outlet)
-            elif not self.boundary.has_outlet:
-                # Particles keep their volume, so its mean is rounding, which no flow in a closed box can take up.
-                growth = growth - box_mean(grid, growth)
-        elif properties.cut is not None and properties.cut.swept is not None:
-            growth = properties.cut.growth(grid, 0.0, not self.boundary.has_outlet)
+        properties, growth = self._growing(properties, state, void_fraction, times, new)
         mobility, shift = self._exchange_terms(properties, exchange, new)
         state = state._replace(mean_gradient=self._mean_gradient(properties, state, time + 0.5 * time_step))
         slope = pressure_slope(grid, self.boundary, state)
@@ -179,6 +174,34 @@ class FluidSolver:
             self.terms, properties, state, void_fraction, time, time_step, (old, new), (open_old, open_new), weight,
             continuity, mobility, shift, pull, at_surfaces,
         )  # fmt: skip
+
+    def _growing(
+        self,
+        properties: FluidProperties,
+        state: FluidState,
+        void_fraction: Array | None,
+        times: tuple[Array, Array],
+        on_faces: tuple[CellOrOne, ...],
+    ) -> tuple[FluidProperties, Array | float]:
+        """The properties with what passes openings at the end of a step of (start, length), and what continuity asks
+        for: the rate of change of the volume of fluid in the cells less what comes in there [1/s]."""
+        grid, cut, closed_box, (time, time_step) = self.grid, properties.cut, not self.boundary.has_outlet, times
+        rate = None
+        if void_fraction is not None:
+            rate = (void_fraction - required(state.void_fraction, "void_fraction of the fluid")) / time_step
+        if cut is None:
+            if rate is None:
+                return properties, 0.0
+            # Particles keep their volume, so its mean is rounding, which no flow in a closed box can take up.
+            return properties, rate - box_mean(grid, rate) if closed_box else rate
+        if self.openings:
+            openings, sides = Openings(grid, self.boundary, self.openings), self.sides(properties, time + time_step)
+            growth = cut.growth(grid, 0.0 if rate is None else rate, False)
+            cut, growth = openings.through(cut, properties.openings, sides, on_faces, growth)
+            return properties._replace(cut=cut), growth
+        if rate is None and cut.swept is None:
+            return properties, 0.0
+        return properties, cut.growth(grid, 0.0 if rate is None else rate, closed_box)
 
     def _held(
         self, properties: FluidProperties, begun: MomentumStep, predicted: FaceField, push: tuple[Array | float, ...]

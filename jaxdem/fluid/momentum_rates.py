@@ -132,6 +132,9 @@ class MomentumRates:
         if cut.swept is not None:
             kept = face_average(self.grid, cut.swept)
             rates = tuple(r - u * g for r, u, g in zip(rates, velocity, kept, strict=True))
+        if cut.supply is not None and cut.brought is not None:
+            leaves = face_average(self.grid, jnp.minimum(cut.supply, 0.0))
+            rates = tuple(r + b + s * u for r, b, s, u in zip(rates, cut.brought, leaves, velocity, strict=True))
         parts = zip(cut.open_faces, rates, weight, stress, cut.inertia, strict=True)
         total = tuple(jnp.where(a > 0.0, (r + g * s) / m, r) for a, r, g, s, m in parts)
         return Rates(total, stress, lost=lost)

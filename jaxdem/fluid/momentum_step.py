@@ -65,9 +65,10 @@ class MomentumStep:
 
     @property
     def volume_changes(self) -> bool:
-        """Whether the volume of the fluid in a cell changes, by particles or by surfaces that change their place."""
+        """Whether continuity at the end of the step asks for another flux than at its start: the volume of the fluid in
+        a cell changes, by particles or by surfaces that change their place, or something comes in through these."""
         cut = self.properties.cut
-        return self.void_fraction is not None or (cut is not None and cut.swept is not None)
+        return self.void_fraction is not None or (cut is not None and (cut.swept is not None or cut.supply is not None))
 
     def advanced(self, rates: FaceField) -> FaceField:
         """Velocity after the whole step at these rates of g u [m/s2], with implicit drag and the old pressure."""

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from jax import Array
 
-from jaxdem.fluid.cut_cells import CutCells
+from jaxdem.fluid.cut_cells import CutCells, OpeningParts
 from jaxdem.fluid.fluid_state import FluidState, StillDistances
 from jaxdem.fluid.grid import FaceField
 from jaxdem.numerics.blocks import Blocks
@@ -122,11 +122,15 @@ def _each_part_of_cut(
 
     # Along their own axis control volumes of faces have a surface more than there are faces.
     links = tuple(of_faces(row, int(which == blocks.axis)) for which, row in enumerate(cut.links))
-    weights, spin = cut.deposit_weights, cut.spin
+    weights, spin, openings = cut.deposit_weights, cut.spin, cut.openings
+    if openings is not None:
+        openings = tuple(
+            OpeningParts(of_field(o.supply), of_faces(o.velocity), of_faces(o.normal), of_box(o.area)) for o in openings
+        )
     return CutCells(
         of_faces(cut.open_faces), of_field(cut.open_cells), links, of_faces(cut.friction), of_faces(cut.velocity),
         of_faces(cut.nearest_to_faces), of_field(cut.nearest_to_cells), None if spin is None else of_box(spin),
-        deposit_weights=None if weights is None else of_field(weights),
+        deposit_weights=None if weights is None else of_field(weights), openings=openings,
     )  # fmt: skip
 
 

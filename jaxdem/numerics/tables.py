@@ -24,6 +24,23 @@ def at_time(times: tuple[float, ...] | None, values: Array, time: Array) -> Arra
     return jnp.stack([jnp.interp(time, given, column) for column in values.T])
 
 
+def largest_between(times: tuple[float, ...] | None, values: Array, start: Array, stop: Array) -> Array:
+    """() largest size of a value between two times, see `at_time`.
+
+    Args:
+        times: T of them, increasing [s]; None for a value that does not change.
+        values: (T,), or () without times.
+        start, stop: () [s].
+    """
+    size = jnp.abs(values)
+    if times is None:
+        return size
+    given = jnp.asarray(times, values.dtype)
+    passed = jnp.max(jnp.where((given >= start) & (given <= stop), size, 0.0))
+    ends = [jnp.abs(at_time(times, values[:, None], time)[0]) for time in (start, stop)]
+    return jnp.maximum(passed, jnp.maximum(*ends))
+
+
 def mean_over(times: tuple[float, ...] | None, values: Array, start: Array, duration: Array) -> Array:
     """(D,) mean of `at_time` over a span of time: times the duration it is the integral, to rounding.
 

@@ -11,7 +11,7 @@ from jaxdem.scene.contact import Contact
 from jaxdem.scene.coupling import Coupling, check_on_mesh, coupling_without_fluid
 from jaxdem.scene.domain import Domain, check_output
 from jaxdem.scene.drive import check_drive, check_own_gravity
-from jaxdem.scene.fluid_walls import check_fluid_walls
+from jaxdem.scene.fluid_walls import check_fluid_walls, check_openings
 from jaxdem.scene.heat import check_heat, check_reference
 from jaxdem.scene.lubrication import check_lubrication
 from jaxdem.scene.packs import check_settling
@@ -61,6 +61,8 @@ def completed(scene: Scene) -> Scene:
         if found.fluid.bed_mixing is not None:
             check_bed_mixing(found.boundary)
     check_fluid_walls(found.walls, found.fluid, found.coupling if found.fluid is not None else None)
+    others = {"surface": scene.surface is not None, "heat": scene.heat is not None, "scalars": bool(scene.scalars)}
+    check_openings(found.walls, others)
     has_fluid, several = found.fluid is not None, bool(found.materials)
     check_heat(found.heat, found.scalars, found.boundary, found.walls, found.particles, has_fluid, several)
     check_reference(found.heat, found.surface.expansion if found.surface else 0.0)

@@ -42,6 +42,34 @@ def check_fluid_walls(walls: tuple[Wall, ...], fluid: Fluid | None, coupling: Co
         _check_models(fluid, coupling)
 
 
+def check_openings(walls: tuple[Wall, ...], others: dict[str, bool]) -> None:
+    """Refuses openings of walls that cannot have any, and parts of the scene that do not know of them.
+
+    Args:
+        walls: of the scene.
+        others: key of a table -> whether the scene has it.
+
+    Raises:
+        InputError: naming key and remedy.
+    """
+    for number, wall in enumerate(walls):
+        if wall.opening is None:
+            continue
+        key = f"walls.{number}"
+        if not wall.seen_by_fluid:
+            limit = "is one for the fluid, which does not see this wall"
+            raise InputError(f"{key}.opening", "...", limit, 'set fluid = "no_slip", or remove it')
+        for name in ("piston", "begin", "end"):
+            if getattr(wall, name) is not None:
+                limit = "does not go together with an opening of the wall"
+                remedy = "remove it, or put the opening into a wall of its own"
+                raise InputError(f"{key}.{name}", "...", limit, remedy)
+        for name, there in others.items():
+            if there:
+                limit = "does not go together with openings of walls (walls.opening): nothing says what they bring"
+                raise InputError(name, "...", limit, "take an inlet or outlet on a side of the box")
+
+
 def keeps_place(wall: Wall) -> bool:
     """Whether the surface of a wall stays where it is while the wall moves: a plane that moves in its own directions or
     turns about its normal, a cylinder about or along its axis, a wedge along its edge. Never a mesh's or a piston's."""

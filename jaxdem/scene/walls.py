@@ -23,6 +23,7 @@ from jaxdem.scene.base import (
     wrong,
 )
 from jaxdem.scene.domain import Box
+from jaxdem.scene.openings import Opening
 from jaxdem.scene.wall_motion import Piston, WallMotion, check_motion
 from jaxdem.scene.wear import Wear
 
@@ -40,7 +41,7 @@ NEEDED = {
 }
 """Keys that each kind of wall must have, and what they are."""
 
-OF_ALL = ("name", "material", "begin", "end", "motion", "piston", "fluid", "temperature", "heat_flux")
+OF_ALL = ("name", "material", "begin", "end", "motion", "piston", "fluid", "opening", "temperature", "heat_flux")
 OF_MESH = (
     "file", "points", "scale", "rotate", "translate", "spacing", "closed", "touch", "smooth_angle", "repair",
 )  # fmt: skip
@@ -107,6 +108,7 @@ class Wall(Section):
         fluid: what the wall is to the fluid: "none" (it flows through), "no_slip" (it sticks to the wall) or
             "free_slip". A mesh that the fluid sees is closed, or a map of heights with the fluid above. Default:
             "none".
+        opening: list of tables, inlets and outlets on a wall that the fluid sees; see `[[walls.opening]]`.
         temperature: temperature of the wall, for grains that touch it and for the fluid that sees it. Default: no heat
             passes it [K].
         heat_flux: heat flux from a wall into the fluid that sees it, in place of a temperature [W/m2].
@@ -139,6 +141,7 @@ class Wall(Section):
     piston: Piston | None = None
     wear: Wear | None = None
     fluid: Literal["none", "no_slip", "free_slip"] | None = None
+    opening: Tables[Opening] | None = None
     temperature: Finite | None = None
     heat_flux: Finite | None = None
 

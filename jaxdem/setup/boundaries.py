@@ -12,9 +12,11 @@ from jaxdem.errors import InputError
 from jaxdem.fluid.boundary import Boundary, Side, net_inflow, open_fraction
 from jaxdem.fluid.grid import Grid
 from jaxdem.fluid.inlet import InletProfile, LinearTable, Parabola
+from jaxdem.fluid.openings import Opening
 from jaxdem.fluid.side_conditions import SideCondition
 from jaxdem.scene import Scene
 from jaxdem.scene.boundary import parabolic_axes
+from jaxdem.scene.fluid_walls import seen_by_fluid
 from jaxdem.setup.drive import bulk_speed
 from jaxdem.setup.fluid_surfaces import wall_speed_in_fluid
 
@@ -77,6 +79,8 @@ def boundary_speed(scene: Scene) -> float:
         speeds.append(math.hypot(*scene.fluid.velocity))
     if scene.fluid is not None:
         speeds += [bulk_speed(scene.fluid), wall_speed_in_fluid(scene)]
+        openings = [one for _, wall in seen_by_fluid(scene.walls) for one in wall.opening or () if one.by_velocity]
+        speeds += [abs(velocity) for one in openings for velocity in one.amounts]
     return max(speeds)
 
 
@@ -107,8 +111,9 @@ def _check_conditions(scene: Scene, conditions: Mapping[str, SideCondition]) -> 
             raise InputError(f"boundary.{name}.from", scene.boundary[name].from_, limit, "remove from and to")
 
 
-def check_flow(scene: Scene, grid: Grid, boundary: Boundary) -> None:
-    """Refuses sides that no incompressible fluid can flow through.
+def check_flow(scene: Scene, grid: Grid, boundary: Boundary, openings: Sequence[Opening] = ()) -> None:
+    """Refuses sides that no incompressible fluid can flow through. With `openings` of walls see also
+    `openings.check_balance`.
 
     Raises:
         InputError: an outlet that no face of the mesh is open at; more comes in than goes out without an outlet;
@@ -124,6 +129,8 @@ def check_flow(scene: Scene, grid: Grid, boundary: Boundary) -> None:
             )
     if boundary.has_outlet or any(side.own is not None for side in boundary.sides):
         return
+    if any(one.given == "nothing" for one in openings):
+        return
     if scene.particles is not None and scene.particles.inlet:
         raise InputError(
             "particles.inlet",
@@ -131,6 +138,8 @@ def check_flow(scene: Scene, grid: Grid, boundary: Boundary) -> None:
             "entering particles displace fluid, and no side lets fluid out",
             'make a side an outlet: boundary.<side>.kind = "outlet"',
         )
+    if openings:
+        return
     sides = [scene.boundary[name] for name in scene.sides]
     velocities = [np.asarray(one.velocities or one.velocity or (0.0,) * scene.dimension) for one in sides]
     # A ramp times a table that is linear between its times: zero at three points of a piece is zero in all of it.

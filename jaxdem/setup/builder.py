@@ -223,7 +223,7 @@ def build_case(
     if fluid is not None:
         begin = 0.0 if start is None else float(start.time)
         seen = fluid_walls(scene, fluid.grid, boundary, extensions, begin, steps.interval)
-        interval = fluid_interval(fluid, boundary, steps, len(seen.walls))
+        interval = fluid_interval(fluid, boundary, steps, len(seen.walls), tuple(one.compiled for one in seen.openings))
     if interval is not None and particles is not None and scene.coupling is not None:
         closure = drag_closure(scene, scene.coupling, closure)
         surroundings = surroundings_of(scene, particles, closure)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -67,7 +68,16 @@ def cut_cells_of(
 
 def without_a_way_out(grid: Grid, boundary: Boundary, open_part: FaceField, cells: np.ndarray) -> np.ndarray:
     """The cells that are not connected with an outlet; in a box without one, with the largest space."""
-    number = np.arange(cells.size).reshape(grid.cells)
+    space, kept = spaces_of(grid, boundary, open_part)
+    if not kept:
+        kept = {int(np.argmax(np.bincount(space.ravel(), np.ravel(cells))))}
+    return ~np.isin(space, list(kept))
+
+
+def spaces_of(grid: Grid, boundary: Boundary, open_part: FaceField) -> tuple[np.ndarray, set[int]]:
+    """The number of the space that every cell is in, and the spaces that an outlet of the box reaches."""
+    count = math.prod(grid.cells)
+    number = np.arange(count).reshape(grid.cells)
     pairs = []
     for axis, a in enumerate(open_part):
         last = grid.cells[axis] - (0 if grid.periodic[axis] else 1)
@@ -75,15 +85,13 @@ def without_a_way_out(grid: Grid, boundary: Boundary, open_part: FaceField, cell
         joined = (np.asarray(along(a, axis, 1, None)) > 0.0)[place]
         pairs.append(np.stack([number[place][joined], np.roll(number, -1, axis)[place][joined]]))
     edges = np.concatenate(pairs, axis=1)
-    matrix = csr_matrix((np.ones(edges.shape[1]), tuple(edges)), shape=(cells.size, cells.size))
+    matrix = csr_matrix((np.ones(edges.shape[1]), tuple(edges)), shape=(count, count))
     space = connected_components(matrix, directed=False)[1].reshape(grid.cells)
-    kept = set()
+    reached = set()
     for side in boundary.sides:
         if side.condition.sets_pressure:
             place = (*(slice(None),) * side.axis, slice(-1, None) if side.upper else slice(0, 1))
             faces = np.asarray(open_part[side.axis])[place]
             is_open = (np.broadcast_to(open_fraction(grid, side), faces.shape) > 0.0) & (faces > 0.0)
-            kept |= set(space[place][is_open].tolist())
-    if not kept:
-        kept = {int(np.argmax(np.bincount(space.ravel(), np.ravel(cells))))}
-    return ~np.isin(space, list(kept))
+            reached |= set(space[place][is_open].tolist())
+    return space, reached

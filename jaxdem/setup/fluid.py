@@ -11,6 +11,7 @@ from jaxdem.fluid.cut_two_fluids import CutTwoFluidSolver
 from jaxdem.fluid.grid import Grid
 from jaxdem.fluid.interval import FluidInterval
 from jaxdem.fluid.momentum import FluidSolver
+from jaxdem.fluid.openings import Opening
 from jaxdem.fluid.two_fluids import TwoFluidSolver
 from jaxdem.fluid.volume_of_fluid import SURFACE_COURANT
 from jaxdem.scene import Scene
@@ -62,14 +63,17 @@ def fluid_velocity(scene: Scene) -> tuple[float, ...]:
     return velocity or (0.0,) * scene.dimension
 
 
-def fluid_interval(fluid: FluidSetup, boundary: Boundary, steps: TimeSteps, surfaces: int = 0) -> FluidInterval:
-    """Solver and fluid steps of a coupling interval; `surfaces` is the number of surfaces that the fluid sees.
+def fluid_interval(
+    fluid: FluidSetup, boundary: Boundary, steps: TimeSteps, surfaces: int = 0, openings: tuple[Opening, ...] = ()
+) -> FluidInterval:
+    """Solver and fluid steps of a coupling interval; `surfaces` is the number of surfaces that the fluid sees,
+    `openings` are the inlets and outlets on them.
 
     Raises:
         InputError: no incompressible fluid can flow through these sides.
     """
     table = fluid.table
-    check_flow(fluid.scene, fluid.grid, boundary)
+    check_flow(fluid.scene, fluid.grid, boundary, openings)
     viscous = table.viscosity > 0.0 or table.smagorinsky > 0.0 or table.bed_mixing is not None
     drive = drive_of(fluid.scene, table)
     parts = fluid.grid, boundary, ADVECTION[table.advection](), viscous, table.model, drive
@@ -81,7 +85,10 @@ def fluid_interval(fluid: FluidSetup, boundary: Boundary, steps: TimeSteps, surf
         two = TwoFluidSolver(*parts, has_tension=fluid.scene.surface.tension > 0.0, oblique_gravity=oblique)
         return FluidInterval(two, steps.interval, steps.fluid_substeps, courant_limit(fluid.scene))
     solver = FluidSolver(
-        *parts, surfaces=surfaces, keeps_flux=fluid.scene.heat is not None or bool(fluid.scene.scalars)
+        *parts,
+        surfaces=surfaces,
+        keeps_flux=fluid.scene.heat is not None or bool(fluid.scene.scalars),
+        openings=openings,
     )
     return FluidInterval(solver, steps.interval, steps.fluid_substeps, table.courant_limit)
 

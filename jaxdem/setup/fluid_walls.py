@@ -22,6 +22,7 @@ from jaxdem.setup.cut_cells import FluidSurface, cut_cells_of
 from jaxdem.setup.cut_liquid import with_layers
 from jaxdem.setup.even_deposition import even_factors
 from jaxdem.setup.extensions import Extensions
+from jaxdem.setup.fluid import courant_limit
 from jaxdem.setup.fluid_surfaces import SeenSurface, host_numbers, pistons_in_fluid, surfaces_in_fluid
 from jaxdem.setup.moving_fluid_walls import (
     check_bodies_that_come,
@@ -30,6 +31,7 @@ from jaxdem.setup.moving_fluid_walls import (
     open_cells_at,
     still_distances,
 )
+from jaxdem.setup.openings import WallOpening, check_balance, check_speed, wall_openings, with_openings
 from jaxdem.state import Parameters
 
 
@@ -45,6 +47,7 @@ class FluidWalls:
         moving: the walls that move, as they are compiled; None where none does.
         still: what does not change of a mesh whose surfaces move, arrays of NumPy; None where none does.
         times: at which the run begins, and its coupling interval [s].
+        openings: inlets and outlets on the surfaces.
     """
 
     cut: CutCells | None = None
@@ -54,6 +57,7 @@ class FluidWalls:
     moving: WallsInFluid | None = None
     still: StillDistances | None = None
     times: tuple[float, float] = (0.0, 0.0)
+    openings: tuple[WallOpening, ...] = ()
 
     def with_particles(self, grid: Grid, deposition: Deposition, diameter: float) -> FluidWalls:
         """The same with the weights of the cells for particles up to this diameter [m]."""
@@ -129,10 +133,12 @@ def fluid_walls(
         remedy = "check the side that the walls face, and the size of the cells (fluid.cells)"
         raise InputError(key, seen[0][1].fluid, limit, remedy)
     _check_openings(scene, grid, boundary, cut)
+    cut, openings = with_openings(grid, cut, surfaces, wall_openings(scene, surfaces))
     moving = still = None
     found = tuple(s.moving for s in surfaces if s.moving is not None)
     if found:
-        moving = WallsInFluid(grid, found, pistons_in_fluid(scene, grid, surfaces))
+        places = tuple(one.place for one in openings)
+        moving = WallsInFluid(grid, found, pistons_in_fluid(scene, grid, surfaces), places)
         if moving.pistons and scene.start is not None:
             limit = "does not work with a piston that the fluid sees: the mesh is cut where the scene has it"
             raise InputError("start", "...", limit, 'set fluid = "none" for the piston, or begin without [start]')
@@ -143,7 +149,11 @@ def fluid_walls(
                 check_way_out(scene, moving, boundary, look)
                 if moving.gates:
                     _check_openings(scene, grid, boundary, look.cut)
-    return FluidWalls(cut, tuple(s.wall for s in surfaces), surfaces, pockets, moving, still, (begin, interval))
+    changes = moving is not None and bool(moving.change_place)
+    check_balance(scene, grid, boundary, cut, openings, changes)
+    check_speed(grid, openings, interval, courant_limit(scene))
+    walls = tuple(s.wall for s in surfaces)
+    return FluidWalls(cut, walls, surfaces, pockets, moving, still, (begin, interval), openings)
 
 
 def with_start_of_solver(fluid: FluidState, properties: FluidProperties) -> FluidState:

@@ -12,6 +12,7 @@ from jaxdem.fluid.mixing_length import BedMixing
 from jaxdem.fluid.subgrid_stress import SubgridLaw
 from jaxdem.particles.integrate import Parcels, ParticleProperties
 from jaxdem.scene import Scene
+from jaxdem.scene.fluid_walls import seen_by_fluid
 from jaxdem.setup.as_arrays import AsArrays
 from jaxdem.setup.bonds import bond_parameters
 from jaxdem.setup.closures import subgrid_closure
@@ -89,6 +90,11 @@ def _fluid(scene: Scene, subgrid: SubgridLaw | None, number: AsArrays) -> FluidP
         mixing,
         drive_parameters(scene, table, number),
         second=second_fluid(scene, number),
+        openings=tuple(
+            number(one.amounts if one.times is not None else one.amounts[0])
+            for _, wall in seen_by_fluid(scene.walls)
+            for one in wall.opening or ()
+        ),
     )
 
 

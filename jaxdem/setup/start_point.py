@@ -35,7 +35,7 @@ ABOUT = ("domain", "boundary", "materials", "walls", "contact", "fluid", "surfac
 NOT_OF_PLACE = ("name", "material", "temperature", "heat_flux", "wear")
 """Keys of a wall that say nothing about where it is."""
 
-MAY_CHANGE = (*NOT_OF_PLACE, "motion", "piston", "fluid", "begin", "end")
+MAY_CHANGE = (*NOT_OF_PLACE, "motion", "piston", "fluid", "opening", "begin", "end")
 """Keys of a wall that a scene may change of a wall of the run that it begins from, which is then the same wall: what is
 kept at it goes on."""
 

@@ -395,6 +395,26 @@ CYLINDER: Tables = {
 }  # fmt: skip
 """A cylinder in a stream, which vanishes."""
 
+OPENINGS: Tables = {
+    "domain": {"size": [0.4, 0.2]},
+    "fluid": {"cells": [16, 8], "viscosity": 1e-4},
+    "walls": [
+        {"kind": "plane", "point": [0.0, 0.03], "normal": [0.0, 1.0], "fluid": "no_slip",
+         "opening": [{"kind": "inlet", "velocity": 0.1, "ramp_time": 0.01,
+                      "region": {"shape": "box", "start": [0.0, 0.0], "stop": [0.1, 0.2]}},
+                     {"kind": "inlet", "times": [0.0, 0.01], "flows": [0.0, 0.002],
+                      "region": {"shape": "sphere", "center": [0.3, 0.03], "radius": 0.05}}]},
+        {"kind": "plane", "point": [0.0, 0.17], "normal": [0.0, -1.0], "fluid": "free_slip",
+         "opening": [{"kind": "outlet", "region": {"shape": "box", "start": [0.2, 0.1], "stop": [0.4, 0.2]}},
+                     {"kind": "inlet", "flow": -0.001,
+                      "region": {"shape": "box", "start": [0.0, 0.1], "stop": [0.1, 0.2]}},
+                     {"kind": "inlet", "times": [0.0, 0.01], "velocities": [0.0, 0.01],
+                      "region": {"shape": "box", "start": [0.1, 0.1], "stop": [0.2, 0.2]}}]},
+    ],
+    "time": {"end": 0.02, "output_interval": 0.01},
+}  # fmt: skip
+"""Inlets and an outlet on walls that the fluid sees."""
+
 HEAT: Tables = {
     "domain": {"size": [0.4, 0.2]},
     "particles": {
@@ -517,6 +537,7 @@ BASES = {
     "moving": MOVING,
     "meshes": MESHES,
     "cylinder": CYLINDER,
+    "openings": OPENINGS,
     "heat": HEAT,
     "bonded": BONDED,
     "lubricated": LUBRICATED,
@@ -531,6 +552,7 @@ SAME_TABLES = (
     ("start.remove.*.", "particles.pack.region."),
     ("particles.inlet.*.region.", "particles.pack.region."),
     ("bonds.*.region.", "particles.pack.region."),
+    ("walls.*.opening.*.region.", "particles.pack.region."),
     ("surface.regions.*.", "particles.pack.region."),
     ("particles.pack.*.", "particles.pack."),
     ("particles.pack.species.", "particles.species."),

@@ -83,6 +83,23 @@ SCENES: dict[str, dict[str, Any]] = {
             CYLINDER | {"center": [0.66, 0.3], "end": 0.025},
         ]
     },
+    "openings": fluid_scene([8, 6], {})
+    | {
+        "walls": [
+            CYLINDER
+            | {
+                "center": [0.31, 0.34],
+                "motion": SWINGING,
+                "opening": [{"kind": "inlet", "flow": 0.05, "ramp_time": 0.0}],
+            },
+            {"kind": "plane", "point": [0.0, 0.08], "normal": [0.0, 1.0], "fluid": "no_slip"}
+            | {
+                "opening": [
+                    {"kind": "outlet", "region": {"shape": "box", "start": [0.3, -0.1], "stop": [0.65, 0.3]}},
+                ]
+            },
+        ]
+    },
     "grains": beside_grains(ALONG_X, body((0.19, 0.14), 0.06, motion=RISING, temperature=50.0)) | {"heat": HEAT},
     "piston, diffusion": piston_and_plate(),
 }

@@ -28,6 +28,7 @@ from tests.cases.tiers import COMBINATION
         pytest.param("stream", 3, 1, marks=COMBINATION),
         pytest.param("jet, 3-D", 2, 2, marks=COMBINATION),
         ("moving", 2, 0),
+        pytest.param("openings", 2, 0, marks=COMBINATION),
         pytest.param("grains", 2, 0, marks=COMBINATION),
         pytest.param("piston, diffusion", 2, 1, marks=COMBINATION),
     ],
