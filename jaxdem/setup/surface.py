@@ -136,9 +136,9 @@ def surface_limits(scene: Scene, spacing: tuple[float, ...]) -> dict[str, float]
 
 
 def fall_speed(scene: Scene, grid: Grid, kept: KeptLiquid | None = None) -> float:
-    """Speed of liquid that has fallen from its highest place at the start, or from an inlet, to where the surface of
-    that of the start will be at rest [m/s]: what the automatic fluid step has to expect. Liquid that is kept from a run
-    has its energy of motion too, u^2/2. 0 in a scene with one fluid.
+    """Speed of liquid that has fallen from its highest place at the start, or beyond a side that it comes in by, to
+    where the surface of that of the start will be at rest, or to the lowest outlet [m/s]: what the automatic fluid step
+    has to expect. Liquid that is kept from a run has its energy of motion too, u^2/2. 0 in a scene with one fluid.
     """
     if scene.surface is None:
         return 0.0
@@ -147,20 +147,31 @@ def fall_speed(scene: Scene, grid: Grid, kept: KeptLiquid | None = None) -> floa
     wet = np.flatnonzero(fraction.reshape(-1, layers).max(axis=0) > 0.5)
     height = grid.size[-1]
     highest = max(height / layers * (wet[-1] + 1) if len(wet) else 0.0, _highest_inflow(scene))
+    lowest = min(float(fraction.mean()) * height, _lowest_outflow(scene))
     gravity = math.hypot(*scene.domain.strongest_gravity)
-    return math.sqrt(speed**2 + 2.0 * gravity * max(highest - float(fraction.mean()) * height, 0.0))
+    return math.sqrt(speed**2 + 2.0 * gravity * max(highest - lowest, 0.0))
 
 
 def _highest_inflow(scene: Scene) -> float:
-    """Height up to which liquid comes in through the sides; 0 where none does [m]."""
-    height, found = scene.domain.size[-1], 0.0
-    for number, name in enumerate(scene.sides):
-        side, level = scene.boundary[name], scene.boundary[name].level or 0.0
-        if side.kind != "inlet":
-            continue
-        if number // 2 == scene.dimension - 1:  # the lower side, where liquid rises, or the upper one
-            found = max(found, height if number % 2 and level > height else 0.0)
-            continue
-        lower, upper = (side.from_ or (0.0,))[-1], (side.to or (height,))[-1]
-        found = max(found, min(level, upper) if level > lower else 0.0)
+    """Height that liquid which comes in through the sides falls from: where it comes in, or its level beyond an outlet;
+    0 where none does [m]."""
+    found = 0.0
+    for name in scene.sides:
+        side, level, (lower, upper) = scene.boundary[name], scene.boundary[name].level or 0.0, _heights(scene, name)
+        if level > lower and side.kind in ("inlet", "outlet"):
+            found = max(found, level if side.kind == "outlet" else min(level, upper))
     return found
+
+
+def _lowest_outflow(scene: Scene) -> float:
+    """Lowest height, or level beyond it, of an outlet; infinite without [m]."""
+    outlets = [name for name in scene.sides if scene.boundary[name].kind == "outlet"]
+    return min((max(scene.boundary[name].level or 0.0, _heights(scene, name)[0]) for name in outlets), default=math.inf)
+
+
+def _heights(scene: Scene, name: str) -> tuple[float, float]:
+    """Of the lower and the upper end of a side or of its patch [m]."""
+    side, height, number = scene.boundary[name], scene.domain.size[-1], scene.sides.index(name)
+    if number // 2 == scene.dimension - 1:
+        return (height, height) if number % 2 else (0.0, 0.0)
+    return (side.from_ or (0.0,))[-1], (side.to or (height,))[-1]
