@@ -25,9 +25,9 @@ from jax import Array
 from jaxdem.errors import required
 from jaxdem.fluid.cut_cells import CutCells
 from jaxdem.fluid.cut_eddy import beside_whole_cells
-from jaxdem.fluid.grid import CellOrOne, FaceField, Grid, face_average
+from jaxdem.fluid.grid import CellOrOne, FaceField, Grid, along, face_average
 from jaxdem.fluid.open_faces import next_to
-from jaxdem.fluid.volume_of_fluid import surface_courant
+from jaxdem.fluid.volume_of_fluid import Inflow, surface_courant
 from jaxdem.numerics.host import namespace
 
 DEPTH = 2
@@ -55,6 +55,20 @@ def fraction_of_level(layers: Array, level: Array) -> Array:
     """c of the cells, the inverse of `level_of`; arrays of NumPy or JAX."""
     xp, number = namespace(level), layers.shape[0]
     return sum(layers[k] * xp.clip(number * level - k, 0.0, 1.0) for k in range(number))
+
+
+def inflow_between_walls(cut: CutCells, inflow: Inflow) -> Inflow:
+    """Liquid's part of what comes in through the open parts of the faces of every side, from that of whole faces.
+
+    The layers of a face are those of the cell at it: so a stream along walls that run straight on through a side brings
+    what cells at rest with its level hold.
+    """
+    shares, found = required(cut.layers, "layers of the cut cells"), []
+    for number, level in enumerate(inflow):
+        ends = (-1, None) if number % 2 else (0, 1)
+        own = along(shares, 1 + number // 2, *ends)
+        found.append(None if level is None else fraction_of_level(own, jnp.asarray(level)))
+    return tuple(found)
 
 
 def beyond_walls(grid: Grid, cut: CutCells, cells: Array) -> Array:

@@ -30,7 +30,13 @@ from jaxdem.errors import required
 from jaxdem.fluid.boundary import Sides, set_normal_velocity
 from jaxdem.fluid.carried_momentum import carried_beside_walls
 from jaxdem.fluid.cut_cells import CutCells
-from jaxdem.fluid.cut_liquid import beyond_walls, level_of, open_volume, whole_control_volumes
+from jaxdem.fluid.cut_liquid import (
+    beyond_walls,
+    inflow_between_walls,
+    level_of,
+    open_volume,
+    whole_control_volumes,
+)
 from jaxdem.fluid.cut_local_stress import cut_local_stress
 from jaxdem.fluid.cut_projection import CutContinuity
 from jaxdem.fluid.cut_stress import seen_stress
@@ -169,7 +175,7 @@ class CutTwoFluidSolver(TwoFluidSolver):
         """See `TwoFluidSolver._carried_fraction`."""
         time, time_step = times
         before, after = (open_volume(cut, or_one(g)) for g in (state.void_fraction, void_fraction))
-        inflow = inflow_of_sides(self.grid, self.boundary, second)
+        inflow = inflow_between_walls(cut, inflow_of_sides(self.grid, self.boundary, second))
 
         def around(fraction: Array) -> Array:
             return beyond_walls(self.grid, cut, level_of(cut, fraction))

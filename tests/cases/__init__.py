@@ -39,6 +39,7 @@ MODULES = (
     "heat",
     "two_fluids",
     "surface_beside_walls",
+    "surface_at_sides",
     "heat_in_two_fluids",
     "scalars_in_two_fluids",
 )

@@ -51,7 +51,7 @@ class Ended(NamedTuple):
         codes: of the failures; 0 for none.
         beyond: how far a fraction was beyond 0 and 1 [-].
         iterations: most of a pressure solve.
-        load: (S, D, 1 + D) of the last step, see `surface_loads`.
+        load: (S, D, 1 + D) of the last step, see `surface_loads`; empty without walls.
         seen: what was watched after every step.
     """
 
@@ -74,7 +74,9 @@ class Ended(NamedTuple):
         """Volume of the liquid [m3]."""
         fluid, grid = state.fluid, self.simulation.fluid.solver.grid
         gaps = 1.0 if fluid.void_fraction is None else fluid.void_fraction
-        return float(jnp.sum(self.parameters.flow.cut.open_cells * gaps * fluid.liquid_fraction)) * grid.cell_volume
+        cut = self.parameters.flow.cut
+        share = gaps if cut is None else cut.open_cells * gaps
+        return float(jnp.sum(share * fluid.liquid_fraction)) * grid.cell_volume
 
     @property
     def missing(self) -> float:
@@ -118,7 +120,8 @@ def run(
         parameters, (start, neighbors)
     )
     worst = int(np.bitwise_or.reduce(np.asarray(codes)))
-    figures = float(beyond.max()), int(iterations.max()), np.asarray(loads[-1]), np.asarray(watched)
+    load = np.asarray([] if loads is None else loads[-1])
+    figures = float(beyond.max()), int(iterations.max()), load, np.asarray(watched)
     return Ended(simulation, parameters, start, end, worst, *figures)
 
 

@@ -56,6 +56,7 @@ SECOND = frozenset({
     "two-way settling in a periodic box", "fixed bed with hot gas in", "natural convection in a cavity",
     "hot drop in a stirred stream", "sloshing of warm water", "two layers that touch",
     "arrival of a dam's front by its height", "waves between walls in the mesh",
+    "a broad-crested weir",
 })  # fmt: skip
 """Verification cases whose code other cases run too, at smaller size."""
 
