@@ -82,20 +82,18 @@ def _each(change: Callable[[Any], Any], specs: Any, tree: Any) -> Any:
 
 
 def put(mesh: Mesh, tree: Any, spec: PartitionSpec = SLABS) -> Any:
-    """Arrays of the host on the devices; every process has all of them."""
-    sharding = NamedSharding(mesh, spec)
+    """Arrays of the host on the devices; every process has all of them.
+
+    Those without elements are the same everywhere, as XLA gives them back: a step takes what it gave without another
+    program.
+    """
 
     def placed(x: Any) -> jax.Array:
         array = np.asarray(x)
+        sharding = NamedSharding(mesh, spec if array.size else SAME)
         return jax.make_array_from_callback(array.shape, sharding, lambda index: array[index])
 
     return jax.tree.map(placed, tree)
-
-
-def empty_in_slabs(mesh: Mesh, tree: Any) -> Any:
-    """A tree of arrays of slabs, in which those without elements are spread over the slabs again: XLA gives them back
-    as the same everywhere, and a compiled program does not take them so."""
-    return jax.tree.map(lambda x: x if x.size else put(mesh, np.zeros(x.shape, x.dtype)), tree)
 
 
 def on_host(tree: Any) -> Any:

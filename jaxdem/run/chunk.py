@@ -14,7 +14,7 @@ from jax import Array, lax
 from jax.sharding import Mesh
 
 from jaxdem.devices import DividedSimulation
-from jaxdem.devices.mesh import DIAGNOSTICS, SAME, SLABS, STATE, empty_in_slabs, on_slabs, put
+from jaxdem.devices.mesh import DIAGNOSTICS, SAME, SLABS, STATE, on_slabs, put
 from jaxdem.devices.parameters import spread
 from jaxdem.errors import required
 from jaxdem.failures import failures
@@ -167,7 +167,7 @@ class SlabProgram:
         begin = clock.perf_counter()
         chunk: Chunk = jax.block_until_ready(self._compiled(*self._same, state, neighbors, *self._asked(count, watch)))
         self._seconds = max((clock.perf_counter() - begin) / max(int(chunk.done), 1), 1e-9)
-        return chunk._replace(state=empty_in_slabs(self._mesh, chunk.state))
+        return chunk
 
     def one_step(
         self, state: State, neighbors: Neighbors, watch: Watch | None = None
@@ -179,7 +179,7 @@ class SlabProgram:
         begin = clock.perf_counter()
         chunk: Chunk = jax.block_until_ready(self._compiled(*given))
         seconds = clock.perf_counter() - begin
-        return seconds, empty_in_slabs(self._mesh, chunk.state), required(chunk.neighbors, "neighbors")
+        return seconds, chunk.state, required(chunk.neighbors, "neighbors")
 
 
 def _advance_in_slabs(static: tuple[Mesh, Simulation, tuple[Probe, ...] | None], *given: Any) -> Chunk:

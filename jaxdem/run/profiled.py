@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.devices import DividedSimulation
-from jaxdem.devices.mesh import DIAGNOSTICS, SAME, SLABS, STATE, empty_in_slabs, on_slabs, put
+from jaxdem.devices.mesh import DIAGNOSTICS, SAME, SLABS, STATE, on_slabs, put
 from jaxdem.devices.parameters import spread
 from jaxdem.errors import required
 from jaxdem.failures import failures
@@ -96,8 +96,6 @@ class ProfiledProgram:
         diagnostics = Diagnostics(of_particles, of_fluid, of_exchange, forces, places)
         records, code, step = self._closed(diagnostics, state.step)
         new, seen = State(particles, fluid, step, scalars), None
-        if self._mesh is not None:
-            new = empty_in_slabs(self._mesh, new)
         if watch is not None:
             seen = self._probe(parameters, self._same(watch), Interval(state, new, neighbors, diagnostics))
         return Chunk(new, neighbors, diagnostics, records, code, jnp.int32(1), seen, identity_of(state))
