@@ -204,6 +204,38 @@ def test_grains_and_an_opening_share_the_volume():
     assert told.exchange.momentum < 1e-12 and told.exchange.volume < 1e-12
 
 
+def test_what_comes_in_brings_its_heat_and_dye():
+    """Warm water with dye from a cylinder to one around it. After three times the time to fill the ring nearly all is
+    as what comes in, nothing is beyond it, and what is there is what came in less what left, to rounding."""
+    inlet = INLET | {"temperature": 320.0, "scalars": {"dye": 2.0}}
+    changes = {
+        "heat": {"fluid_heat_capacity": 1000.0, "fluid_conductivity": 0.01, "fluid_temperature": 300.0},
+        "scalars": [{"name": "dye", "diffusivity": 0.0, "value": 0.5}],
+    }
+    given = tables((12, 12), [cylinder(INNER, False, [inlet]), cylinder(OUTER, True, [OUTLET])], **changes)
+    scene = load_scene(given)
+    simulation, parameters = build(scene)
+    state, _ = initial_state(scene, simulation, parameters)
+    cut = parameters.fluid.cut
+    there, room = np.asarray(cut.open_cells) > 0.0, np.asarray(cut.open_cells + parameters.scalars.walls.lent)
+    volume = simulation.fluid.solver.grid.cell_volume
+
+    def held(state):
+        return [volume * float(np.sum(room * np.where(there, field, 0.0))) for field in state.scalars.fields]
+
+    begin, ring = held(state), np.pi * (OUTER**2 - INNER**2)
+    for _ in range(int(3.0 * ring / FLOW / simulation.interval)):
+        state, _, _ = compiled_step(simulation)(parameters, state, None)
+    kept = zip(held(state), begin, np.asarray(state.scalars.supplied.sides).sum(axis=1), strict=True)
+    assert all(abs(end - start - passed) < 1e-12 * end for end, start, passed in kept)
+    names = [field.name for field in simulation.scalars.fields]
+    warm, dye = (np.asarray(state.scalars.fields[names.index(name)])[there] for name in ("temperature", "dye"))
+    assert warm.min() > 300.0 - 1e-9 and warm.mean() > 318.0 and warm.max() < 320.0 + 1e-9
+    assert dye.min() > 0.5 - 1e-12 and dye.mean() > 1.9 and dye.max() < 2.0 + 1e-12
+    del given["walls"][0]["opening"][0]["temperature"]
+    assert "walls.0.opening.0.temperature" in refusal(given)
+
+
 @COMBINATION
 def test_the_flow_between_two_spheres_is_radial(tmp_path):
     """u = Q/(4 pi r^2) in 3-D, to 2 % of its speed at the source, which has three cells a radius."""

@@ -12,6 +12,7 @@ part from the surface, as for the friction of the fluid:
 
 It is implicit in time. W = v g + l is the capacity of a cell for the scalar: its open part v times the void fraction g,
 and l what larger cells have lent to small ones, which explicit steps could not change otherwise. The sum of l is zero.
+What comes in through an opening brings its own scalar, what leaves takes that of the cell, implicit in time too.
 So the sum of W c changes by what passes sides and surfaces alone, a uniform scalar stays uniform, and steady states do
 not know of l; while the scalar changes, it is off its place by a cell at most. Derived here.
 """
@@ -35,6 +36,7 @@ class ScalarWalls(NamedTuple):
         area: A/V of the cells [1/m].
         value: (F, S) of every field at every surface, where it has one [unit].
         flux: (F, S) of every field from every surface; of the temperature [W/m2], else [unit m/s].
+        brought: (F, O) of every field in what comes in through every opening; None without openings [unit].
     """
 
     lent: Array
@@ -42,6 +44,7 @@ class ScalarWalls(NamedTuple):
     area: Array
     value: Array
     flux: Array
+    brought: Array | None = None
 
 
 class ScalarSurfaces(NamedTuple):
@@ -56,6 +59,7 @@ class ScalarSurfaces(NamedTuple):
         supply: q A/V of the cells [unit/s].
         nearest: int32, number of the surface of every cell.
         number: of surfaces; static.
+        drain: volume that leaves the cells through openings, over that of a whole one; None without openings [1/s].
     """
 
     open_faces: FaceField
@@ -66,6 +70,7 @@ class ScalarSurfaces(NamedTuple):
     supply: Array
     nearest: Array
     number: int
+    drain: Array | None = None
 
     def capacity(self, void_fraction: CellOrOne) -> Array:
         """W of the cells; 1 in those without fluid [-]."""
@@ -79,8 +84,10 @@ class ScalarSurfaces(NamedTuple):
             capacity: W [-].
             step: [s].
         """
-        value = (content + step * (self.rate * self.value + self.supply)) / (capacity + step * self.rate)
-        return value, step * (self.rate * (self.value - value) + self.supply)
+        lost = self.rate if self.drain is None else self.rate + self.drain
+        value = (content + step * (self.rate * self.value + self.supply)) / (capacity + step * lost)
+        given = self.rate * (self.value - value) + self.supply
+        return value, step * (given if self.drain is None else given - self.drain * value)
 
     def by_surface(self, cells: Array) -> Array:
         """(S,) sums over the cells of every surface."""

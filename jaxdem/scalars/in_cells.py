@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import jax.numpy as jnp
 from jax import Array
 
-from jaxdem.fluid.cut_cells import CutCells
+from jaxdem.errors import required
+from jaxdem.fluid.cut_cells import CutCells, OpeningParts
 from jaxdem.fluid.cut_scalar import ScalarSurfaces, ScalarWalls, capacity_of
-from jaxdem.fluid.grid import CellOrOne
+from jaxdem.fluid.grid import CellOrOne, Grid, divergence, sum_of
 from jaxdem.fluid.scalar_transport import SideKind, Stream
 
 
@@ -44,6 +47,31 @@ def between_surfaces(
         cut.open_faces, cut.open_cells, walls.lent, rate, value[nearest], supply, nearest, len(kinds)
     )
     return stream._replace(share=cut.opened(stream.share), surfaces=surfaces)
+
+
+def through_openings(
+    grid: Grid, stream: Stream, surfaces: ScalarSurfaces, openings: Sequence[OpeningParts], given: tuple[Array, Array]
+) -> ScalarSurfaces:
+    """The surfaces with what passes their openings: the volume by which continuity of the stream, div F = s - dg/dt,
+    is open in the cells beside them.
+
+    Args:
+        grid: the grid.
+        stream: over the interval.
+        surfaces: without openings, which keep their place.
+        openings: on them.
+        given: (O,) value of what comes in [unit], and the length of the interval [s].
+    """
+    brought, duration = given
+    flux = required(stream.flux, "flux of the fluid")
+    there = sum_of(part.supply for part in openings)
+    is_open = there > 0.0
+    growth = surfaces.open_cells * (stream.after - stream.before) / duration
+    passing = jnp.where(is_open, divergence(grid, flux) + growth, 0.0)
+    mixed = sum_of(part.supply * value for part, value in zip(openings, brought, strict=True))
+    value = mixed / jnp.where(is_open, there, 1.0)
+    supply = surfaces.supply + jnp.maximum(passing, 0.0) * value
+    return surfaces._replace(supply=supply, drain=jnp.maximum(-passing, 0.0))
 
 
 def conducting(bed: str, void_fraction: CellOrOne) -> CellOrOne:

@@ -20,7 +20,7 @@ from jaxdem.particles.neighbors import Neighbors
 from jaxdem.scalars.conduction import Conductances, Conduction, conducted
 from jaxdem.scalars.exchange import exchanged
 from jaxdem.scalars.flow import FluidFlow, GrainsInFluid, or_one, phases_of
-from jaxdem.scalars.in_cells import between_surfaces, conducting, fluid_share
+from jaxdem.scalars.in_cells import between_surfaces, conducting, fluid_share, through_openings
 from jaxdem.scalars.moving_cells import Change, held_by_cells
 from jaxdem.scalars.nusselt import NusseltLaw
 from jaxdem.scalars.phases import dissolved_in_phases, heat_of_phases
@@ -91,6 +91,10 @@ class Scalars:
                 of_cells = after if self.heat is None or capacity is None else conducting(self.heat.bed, after)
                 given = numbers.diffusivity, of_cells, *on_surfaces
                 stream = between_surfaces(stream, held.walls, cut, field.surfaces, given)
+                if cut.openings is not None and held.walls.brought is not None and stream.surfaces is not None:
+                    brought = held.walls.brought[number], duration
+                    surfaces = through_openings(flow.grid, stream, stream.surfaces, cut.openings, brought)
+                    stream = stream._replace(surfaces=surfaces)
             transport = ScalarTransport(flow.grid, flow.boundary, field, numbers, stream)
             found, through = transport.advance(value, duration, flow.steps, flow.reversible)
             fields.append(found)

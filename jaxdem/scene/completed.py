@@ -61,8 +61,8 @@ def completed(scene: Scene) -> Scene:
         if found.fluid.bed_mixing is not None:
             check_bed_mixing(found.boundary)
     check_fluid_walls(found.walls, found.fluid, found.coupling if found.fluid is not None else None)
-    others = {"surface": scene.surface is not None, "heat": scene.heat is not None, "scalars": bool(scene.scalars)}
-    check_openings(found.walls, others)
+    carries = "heat" if scene.heat is not None else "[scalars]" if scene.scalars else ""
+    check_openings(found.walls, scene.surface is not None, carries)
     has_fluid, several = found.fluid is not None, bool(found.materials)
     check_heat(found.heat, found.scalars, found.boundary, found.walls, found.particles, has_fluid, several)
     check_reference(found.heat, found.surface.expansion if found.surface else 0.0)

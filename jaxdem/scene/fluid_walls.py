@@ -42,12 +42,13 @@ def check_fluid_walls(walls: tuple[Wall, ...], fluid: Fluid | None, coupling: Co
         _check_models(fluid, coupling)
 
 
-def check_openings(walls: tuple[Wall, ...], others: dict[str, bool]) -> None:
+def check_openings(walls: tuple[Wall, ...], two_fluids: bool, carries: str) -> None:
     """Refuses openings of walls that cannot have any, and parts of the scene that do not know of them.
 
     Args:
         walls: of the scene.
-        others: key of a table -> whether the scene has it.
+        two_fluids: whether there is a second fluid.
+        carries: table of what the fluid carries; empty for nothing.
 
     Raises:
         InputError: naming key and remedy.
@@ -64,10 +65,18 @@ def check_openings(walls: tuple[Wall, ...], others: dict[str, bool]) -> None:
                 limit = "does not go together with an opening of the wall"
                 remedy = "remove it, or put the opening into a wall of its own"
                 raise InputError(f"{key}.{name}", "...", limit, remedy)
-        for name, there in others.items():
-            if there:
-                limit = "does not go together with openings of walls (walls.opening): nothing says what they bring"
-                raise InputError(name, "...", limit, "take an inlet or outlet on a side of the box")
+        if two_fluids:
+            limit = "does not go together with openings of walls (walls.opening): nothing says which fluid comes in"
+            raise InputError("surface", "...", limit, "take an inlet or outlet on a side of the box")
+        changing = [k for k, other in enumerate(walls) if other.seen_by_fluid and _changes_place(other)]
+        if carries and changing:
+            limit = f"changes the cells of the fluid; beside openings (walls.{number}.opening) that carries nothing"
+            remedy = f"remove [{carries}], or let all walls keep their place"
+            raise InputError(f"walls.{changing[0]}", "...", limit, remedy)
+
+
+def _changes_place(wall: Wall) -> bool:
+    return (wall.moves and not keeps_place(wall)) or wall.begin is not None or wall.end is not None
 
 
 def keeps_place(wall: Wall) -> bool:

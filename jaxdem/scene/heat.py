@@ -12,6 +12,7 @@ from jaxdem.errors import InputError, number_of_tables
 from jaxdem.scene.base import Finite, NonNegative, Positive, Section
 from jaxdem.scene.boundary import BoundarySide
 from jaxdem.scene.inlets import ParticleInlet
+from jaxdem.scene.openings import Opening
 from jaxdem.scene.particles import Particles
 from jaxdem.scene.unread import ReadWith
 from jaxdem.scene.walls import Wall
@@ -124,6 +125,8 @@ def check_heat(
             raise InputError(f"boundary.{side}.temperature", table.temperature, limit, remedy)
     for k, wall in enumerate(walls):
         _check_wall(f"walls.{k}", wall, heat, has_fluid and (heat is not None or bool(scalars)))
+        for n, opening in enumerate(wall.opening or ()):
+            _check_opening(f"walls.{k}.opening.{n}", opening, heat is not None, names)
 
 
 def check_reference(heat: Heat | None, of_second: float) -> None:
@@ -171,6 +174,8 @@ def _check_given(
         given |= {f"boundary.{side}.temperature": table.temperature, f"boundary.{side}.heat_flux": table.heat_flux}
     for k, wall in enumerate(walls):
         given |= {f"walls.{k}.temperature": wall.temperature, f"walls.{k}.heat_flux": wall.heat_flux}
+        openings = enumerate(wall.opening or ())
+        given |= {f"walls.{k}.opening.{n}.temperature": opening.temperature for n, opening in openings}
     given |= {f"particles.inlet.{k}.temperature": inlet.temperature for k, inlet in enumerate(inlets)}
     for key, value in given.items():
         if value is not None and heat is None:
@@ -220,11 +225,7 @@ def _check_scalars(scalars: Sequence[Scalar], has_fluid: bool) -> None:
 
 
 def _check_side(key: str, side: BoundarySide, has_heat: bool, names: Sequence[str]) -> None:
-    given = dict(side.scalars or {})
-    for name in given:
-        if name not in names:
-            limit = "there is no such scalar in [[scalars]]"
-            raise InputError(f"{key}.scalars", name, limit, f"known: {', '.join(names) or 'none'}")
+    given = _known_scalars(key, side.scalars, names)
     if side.kind == "periodic" and (given or side.temperature is not None or side.heat_flux is not None):
         raise InputError(key, "periodic", "has no temperature and no scalars of its own", "remove these keys")
     if side.temperature is not None and side.heat_flux is not None:
@@ -236,13 +237,39 @@ def _check_side(key: str, side: BoundarySide, has_heat: bool, names: Sequence[st
         limit = "a heat flux goes into the fluid, and the scene has none"
         raise InputError(f"{key}.heat_flux", side.heat_flux, limit, "add [fluid], or give a temperature")
     if side.kind == "inlet":
-        if has_heat and side.temperature is None:
-            limit = "is needed by an inlet: the temperature with which the fluid comes in"
-            raise InputError(f"{key}.temperature", None, limit, "set it")
-        for name in names:
-            if name not in given:
-                limit = f"an inlet needs the value with which {name} comes in"
-                raise InputError(f"{key}.scalars", None, limit, f"set boundary.<side>.scalars = {{{name} = ...}}")
+        _check_brought(key, has_heat and side.temperature is None, given, names)
+
+
+def _known_scalars(key: str, scalars: Mapping[str, float] | None, names: Sequence[str]) -> dict[str, float]:
+    """Values of scalars by name; refuses those of others."""
+    given = dict(scalars or {})
+    for name in given:
+        if name not in names:
+            limit = "there is no such scalar in [[scalars]]"
+            raise InputError(f"{key}.scalars", name, limit, f"known: {', '.join(names) or 'none'}")
+    return given
+
+
+def _check_brought(key: str, lacks_temperature: bool, given: Mapping[str, float], names: Sequence[str]) -> None:
+    """Refuses an inlet without what its fluid brings."""
+    if lacks_temperature:
+        limit = "is needed by an inlet: the temperature with which the fluid comes in"
+        raise InputError(f"{key}.temperature", None, limit, "set it")
+    for name in names:
+        if name not in given:
+            limit = f"an inlet needs the value with which {name} comes in"
+            raise InputError(f"{key}.scalars", None, limit, f"set {key}.scalars = {{{name} = ...}}")
+
+
+def _check_opening(key: str, opening: Opening, has_heat: bool, names: Sequence[str]) -> None:
+    """Refuses an opening that does not fit what the fluid carries."""
+    given = _known_scalars(key, opening.scalars, names)
+    if opening.brings:
+        _check_brought(key, has_heat and opening.temperature is None, given, names)
+    elif given or opening.temperature is not None:
+        name = "scalars" if given else "temperature"
+        limit = "is that of what comes in, and nothing comes in through this opening"
+        raise InputError(f"{key}.{name}", getattr(opening, name), limit, "remove this key")
 
 
 def thermal_diffusivity(heat: Heat, density: float) -> float:

@@ -33,6 +33,8 @@ class Opening(Section):
         times: increasing times, for an inlet that changes in time. Needs `velocities` or `flows` [s].
         velocities: velocities at these times, linear between them, constant before the first and after the last [m/s].
         flows: flows at these times, the same [m3/s].
+        temperature: of the fluid that comes in; needed with `[heat]` by an inlet that brings some [K].
+        scalars: values of `[[scalars]]` by name, the same.
     """
 
     kind: Literal["inlet", "outlet"]
@@ -43,6 +45,8 @@ class Opening(Section):
     times: Abscissae | None = None
     velocities: tuple[Finite, ...] | None = None
     flows: tuple[Finite, ...] | None = None
+    temperature: Finite | None = None
+    scalars: dict[str, Finite] | None = None
 
     @model_validator(mode="after")
     def _one_amount(self) -> Opening:
@@ -73,6 +77,11 @@ class Opening(Section):
         """Over which its flow rises [s]."""
         default = 0.05 if self.kind == "inlet" and self.times is None else 0.0
         return default if self.ramp_time is None else self.ramp_time
+
+    @property
+    def brings(self) -> bool:
+        """Whether fluid comes in through it at any time."""
+        return max(self.amounts) > 0.0
 
     @property
     def by_velocity(self) -> bool:

@@ -17,6 +17,7 @@ from jaxdem.numerics.host import on_device
 from jaxdem.scalars.moving_cells import LEAST, exchange_and_area
 from jaxdem.scalars.scalars import TEMPERATURE
 from jaxdem.scene import Scene
+from jaxdem.scene.openings import Opening
 from jaxdem.scene.walls import Wall
 from jaxdem.setup.fluid_walls import FluidWalls
 from jaxdem.setup.lent_capacity import lent_capacity
@@ -35,6 +36,7 @@ class SurfacesOfScalars:
         walls: table of the wall that each surface belongs to.
         lent, exchange, area: see `ScalarWalls`, in float64.
         smallest: capacity of a cell over what its open faces pass in explicit steps, the least of all [-].
+        openings: of the walls.
     """
 
     walls: tuple[Wall, ...]
@@ -42,6 +44,7 @@ class SurfacesOfScalars:
     exchange: np.ndarray
     area: np.ndarray
     smallest: float
+    openings: tuple[Opening, ...] = ()
 
     def kinds(self, name: str) -> tuple[SideKind, ...]:
         """What passes each surface of a field."""
@@ -55,7 +58,9 @@ class SurfacesOfScalars:
             given = [[getattr(wall, key) or 0.0 for wall in self.walls] for _ in names]
             return np.where([[name == TEMPERATURE] for name in names], given, 0.0)
 
-        arrays = (self.lent, self.exchange, self.area, numbers("temperature"), numbers("heat_flux"))
+        arrays = [self.lent, self.exchange, self.area, numbers("temperature"), numbers("heat_flux")]
+        if self.openings:
+            arrays.append(np.array([[_brought(one, name) for one in self.openings] for name in names]))
         walls = ScalarWalls(*(on_device(array, dtype) for array in arrays))
         return parameters._replace(scalars=scalars._replace(walls=walls))
 
@@ -76,7 +81,8 @@ def surfaces_of_scalars(scene: Scene, grid: Grid, seen: FluidWalls) -> SurfacesO
     lent, exchange, area, smallest = scalar_geometry(grid, seen.cut, np.asarray(nearest), most)
     if seen.moving is not None and seen.moving.change_place:
         smallest = min(smallest, LEAST)
-    return SurfacesOfScalars(walls, lent, exchange, area, smallest)
+    openings = tuple(one.table for one in seen.openings)
+    return SurfacesOfScalars(walls, lent, exchange, area, smallest, openings)
 
 
 def scalar_geometry(
@@ -94,6 +100,12 @@ def scalar_geometry(
     exchange, area = map(np.asarray, exchange_and_area(grid, cut, distance))  # type: ignore[arg-type]
     lent, smallest = lent_capacity(grid, cut.open_faces, np.asarray(cut.open_cells), most)  # type: ignore[arg-type]
     return lent, exchange, area, smallest
+
+
+def _brought(opening: Opening, name: str) -> float:
+    """Of a field in what comes in through an opening; anything of one that nothing comes in through."""
+    value = opening.temperature if name == TEMPERATURE else (opening.scalars or {}).get(name)
+    return 0.0 if value is None else value
 
 
 def _kind(wall: Wall, name: str) -> SideKind:

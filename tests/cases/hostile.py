@@ -433,7 +433,8 @@ HEAT: Tables = {
         {"kind": "plane", "point": [0.0, 0.005], "normal": [0.0, 1.0], "temperature": 310.0},
         {"kind": "mesh", "points": [[0.0, 0.197], [0.4, 0.197]], "temperature": 305.0},
         {"kind": "cylinder", "center": [0.36, 0.06], "radius": 0.03, "inside": False, "fluid": "no_slip",
-         "heat_flux": 5.0},
+         "heat_flux": 5.0,
+         "opening": [{"kind": "inlet", "velocity": 0.01, "temperature": 310.0, "scalars": {"dye": 1.0}}]},
     ],
     "heat": {
         "fluid_heat_capacity": 1000.0, "fluid_conductivity": 0.03, "fluid_temperature": 300.0, "expansion": 3e-3,
