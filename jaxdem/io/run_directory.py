@@ -1,9 +1,9 @@
-"""The folder of one run: who may write to it, in which order, and how it is cut back and joined.
+"""The folder of one run: who may write to it, in which order, and what a disk that refuses means.
 
 Order within one output time: the frames of fluid and particles, each a whole file, then the line of
 `history.csv`. The line commits the frame: what a kill leaves beyond it does not count. A checkpoint
 names the numbers of frames, samples and lines of probes it follows, and is written after them; `cut_back` returns to
-it. What a folder holds is asked in `run_folder`.
+it. The files that grow are in `run_files`. What a folder holds is asked in `run_folder`.
 """
 
 from __future__ import annotations
@@ -17,23 +17,17 @@ from typing import Self
 
 import numpy as np
 
-from jaxdem.errors import InputError, RunError
-from jaxdem.files.durable import remove_leftovers, sync_directory, write_bytes
+from jaxdem.errors import RunError
+from jaxdem.files.durable import remove_leftovers, write_bytes
 from jaxdem.io import checkpoint as checkpoint_file
 from jaxdem.io import scene_text
-from jaxdem.io.access import LOCK, OPTION, acquire_lock, input_errors, reason_of, still_locked
-from jaxdem.io.frames import PARTS_FOLDER, Arrays, FrameSeries
-from jaxdem.io.history import CountedHistory, History
-from jaxdem.io.part_columns import columns_of_parts
+from jaxdem.io.access import LOCK, acquire_lock, input_errors, reason_of, still_locked
+from jaxdem.io.frames import PARTS_FOLDER, Arrays
 from jaxdem.io.pieces import Share, regroup
-from jaxdem.io.probes import PROBES_FOLDER, Columns, ProbeFiles
-from jaxdem.io.run_folder import CHECKPOINT, HISTORY, SCENE, START, entries, occupied, require_usable
-from jaxdem.io.samples import SampleFormat, sample_frame
-from jaxdem.io.series import Written
-from jaxdem.io.summary import SUMMARY, write_summary
-
-LINES = "lines of probe "
-"""Attribute of a checkpoint: number of lines of the file of the probe that is named behind it."""
+from jaxdem.io.probes import PROBES_FOLDER, Columns
+from jaxdem.io.run_files import LINES, RunFiles
+from jaxdem.io.run_folder import CHECKPOINT, SCENE, START, entries, occupied, require_usable
+from jaxdem.io.samples import sample_frame
 
 
 class RunDirectory:
@@ -58,29 +52,14 @@ class RunDirectory:
         self._share = share
         self.path = path
         self.sample_attributes = dict(sample_attributes or {})
-        self._scene = scene_text.parse(scene_toml, str(path / SCENE))
         self._lock = lock
         self._time = 0.0
-        self._series = Written(path, self._scene, share)
-        self._samples = FrameSeries(path, SampleFormat())
-        columns = columns_of_parts(self._scene)
-        self._history = (History if self._first else CountedHistory)(path / HISTORY, columns)
-        self._probes = ProbeFiles(path, probes or {}, self._first)
-        self.samples = self._samples.count()
+        self._files = RunFiles(path, scene_text.parse(scene_toml, str(path / SCENE)), share, probes or {})
+        self.samples = self._files.samples.count()
 
     @property
     def frames(self) -> int:
-        return self._history.rows
-
-    @property
-    def _first(self) -> bool:
-        """Whether this process writes what there is once."""
-        return self._share is None or self._share.first
-
-    def _meet(self) -> None:
-        """Waits for the other processes of the run, if any."""
-        if self._share is not None:
-            self._share.barrier()
+        return self._files.history.rows
 
     @classmethod
     def create(
@@ -111,7 +90,7 @@ class RunDirectory:
                 raise occupied(path)
             write_bytes(path / SCENE, scene_toml.encode())
             found = cls(path, scene_toml, lock, sample_attributes, probes, share)
-            found._meet()
+            found._files.meet()
             return found
 
     @classmethod
@@ -144,7 +123,7 @@ class RunDirectory:
             checkpoint_file.remove_old_parts(path / CHECKPOINT)
             regroup(path, share)
             found = cls(path, scene_toml, lock, sample_attributes, probes, share)
-            found._meet()
+            found._files.meet()
             return found
 
     @property
@@ -158,7 +137,7 @@ class RunDirectory:
         Raises:
             RunError: the disk refused.
         """
-        if not self._first:
+        if not self._files.first:
             return
         with self._run_errors(self._time):
             write_bytes(self.path / SCENE, scene_toml.encode())
@@ -180,9 +159,9 @@ class RunDirectory:
         if index != self.frames:
             raise ValueError(f"frame {index} given, {self.frames} are written")
         with self._run_errors(time):
-            self._series.write(index, time, frame)
-            self._meet()
-            self._history.append({**history_row, "time": float(time)})
+            self._files.series.write(index, time, frame)
+            self._files.meet()
+            self._files.history.append({**history_row, "time": float(time)})
 
     def write_sample(self, index: int, time: float, arrays: Arrays) -> None:
         """Write sample `index` (must be `samples`, the next one) at `time` [s].
@@ -193,8 +172,8 @@ class RunDirectory:
         if index != self.samples:
             raise ValueError(f"sample {index} given, {self.samples} are written")
         with self._run_errors(time):
-            if self._first:
-                self._samples.write(index, sample_frame(time, arrays, self.sample_attributes))
+            if self._files.first:
+                self._files.samples.write(index, sample_frame(time, arrays, self.sample_attributes))
         self.samples = index + 1
 
     def write_probe(self, name: str, time: float, leading: np.ndarray, table: np.ndarray) -> None:
@@ -209,7 +188,7 @@ class RunDirectory:
             RunError: the disk refused; earlier lines are kept.
         """
         with self._run_errors(time):
-            self._probes.append(name, leading, table)
+            self._files.probes.append(name, leading, table)
 
     def write_checkpoint(
         self, arrays: Arrays, attributes: Mapping[str, str | int | float], blocks: Arrays | None = None
@@ -226,8 +205,7 @@ class RunDirectory:
             if not 0 <= int(attributes[name]) <= written:
                 raise ValueError(f"checkpoint after {attributes[name]} {name}, {written} are written")
         with self._run_errors(self._time):
-            lines = {f"{LINES}{name}": rows for name, rows in self._probes.rows.items()}
-            place, known = self.path / CHECKPOINT, {**attributes, **lines}
+            place, known = self.path / CHECKPOINT, {**attributes, **self._files.lines}
             if self._share is None:
                 checkpoint_file.write_checkpoint(place, arrays, known)
                 checkpoint_file.remove_old_parts(place)
@@ -240,7 +218,7 @@ class RunDirectory:
         Raises:
             RunError: the disk refused.
         """
-        if self._first and not (self.path / START).is_file():
+        if self._files.first and not (self.path / START).is_file():
             with self._run_errors(self._time):
                 checkpoint_file.write_checkpoint(self.path / START, arrays, attributes)
 
@@ -263,33 +241,14 @@ class RunDirectory:
             InputError: the folder holds fewer than that, so the checkpoint cannot be continued.
         """
         lines = lines or {}
-        wanted = {"frames": frames, "samples": samples} | {f"{LINES}{name}": lines[name] for name in lines}
-        held = {"frames": self.frames, "samples": self.samples}
-        held |= {f"{LINES}{name}": rows for name, rows in self._probes.rows.items()}
-        # A series that has no frame at all is one the scene does not have.
-        held["frames"] = min([held["frames"], *(series.count() for series in self._series.there)])
-        for name, number in wanted.items():
-            if held[name] < number:
-                limit = f"the checkpoint follows {number} {name}, only {held[name]} can be read"
-                raise InputError(OPTION, str(self.path), limit, "Start the run anew in another folder.")
+        self._files.require_held(frames, (samples, self.samples), lines)
         with self._run_errors(self._time):
-            if self._first:
-                (self.path / SUMMARY).unlink(missing_ok=True)
-            # The history first: its lines commit frames, so it never counts one that is gone.
-            self._history.cut(frames)
-            for series in self._series.every.values():
-                series.cut(frames)
-            if self._first:
-                self._samples.cut(samples)
-            self._probes.cut(lines)
+            self._files.cut(frames, samples, lines)
             self.samples = samples
-            for folder in (self.path, self.path / PARTS_FOLDER):
-                if folder.is_dir():
-                    sync_directory(folder)
 
     def lines_before(self, attributes: Mapping[str, object]) -> dict[str, int]:
         """By name of the probe, number of lines of its file that a checkpoint follows, from the attributes of it."""
-        return {name: int(str(attributes[f"{LINES}{name}"])) for name in self._probes.rows}
+        return {name: int(str(attributes[f"{LINES}{name}"])) for name in self._files.probes.rows}
 
     def finish(self, summary: Mapping[str, object]) -> None:
         """Join the frames and write `summary.json` with `complete` true (unless given otherwise).
@@ -318,25 +277,8 @@ class RunDirectory:
         self.close()
 
     def _close_run(self, summary: dict[str, object]) -> None:
-        every = [(series, self.frames) for series in self._series.every.values()]
-        if self._first:
-            every.append((self._samples, self.samples))
         with self._run_errors(self._time):
-            for series, number in every:
-                if series.exists():
-                    series.join(number)
-                    self._require_own_folder()
-            # Parts go only when all joined files are there.
-            for series, _ in every:
-                series.drop_parts()
-            self._meet()
-            if self._first:
-                self._probes.join()
-                parts = self.path / PARTS_FOLDER
-                if parts.is_dir() and not any(parts.iterdir()):
-                    parts.rmdir()
-                write_summary(self.path, summary)
-            self._meet()
+            self._files.join(self.frames, self.samples, summary, self._require_own_folder)
 
     @contextmanager
     def _run_errors(self, time: float) -> Iterator[None]:

@@ -13,6 +13,7 @@ from jaxdem.numerics import vectors
 from jaxdem.numerics.stages import stage
 from jaxdem.numerics.vectors import Vector
 from jaxdem.particles import tangent
+from jaxdem.particles.cohesion import Cohesion
 from jaxdem.particles.cohesion_energy import energy_lost
 from jaxdem.particles.contact import StoringLaw
 from jaxdem.particles.contact_load import gap_of
@@ -60,25 +61,9 @@ def work_of_contacts(
         wall: (S, D) by which the velocity of the wall of each row of contacts changes in the step, where a force holds
             it; None without [m/s].
     """
-    pair, load, normal = found.pair, found.load, found.pair.normal
+    pair, load = found.pair, found.load
     parts = _parts_of(model, found)
-    half, spin, other = _half_changes(found, before, after, time_step)
-    # Of the mean velocities over the step; those of most walls are what they are in its middle.
-    velocity, half_of_wall = vectors.add(pair.velocity, half), None
-    if wall is not None:
-        half_of_wall = tuple(0.5 * wall[:, k, None] for k in range(wall.shape[1]))
-        velocity = vectors.subtract(velocity, half_of_wall)
-    spin = vectors.add(pair.spin, spin)
-    turning = vectors.scale(pair.radius - 0.5 * pair.overlap, spin)
-    relative_spin = spin
-    if pair.other_spin is not None:
-        other = vectors.add(pair.other_spin, other)
-        turning = vectors.add(turning, vectors.scale(pair.other_radius - 0.5 * pair.overlap, other))
-        relative_spin = vectors.subtract(spin, other)
-    elif pair.wall_spin is not None:
-        relative_spin = vectors.subtract(spin, pair.wall_spin)
-    approach = -vectors.dot(velocity, normal)
-    slip = vectors.subtract(tangent.part_in_plane(velocity, normal), tangent.surface_velocity(turning, normal))
+    approach, slip, relative_spin, half_of_wall = _mean_motion(found, before, after, time_step, wall)
     conservative = load.along - parts.dashpot
     if parts.liquid is not None:
         conservative = conservative - parts.liquid
@@ -99,17 +84,48 @@ def work_of_contacts(
     )
     work: ContactWork = jax.tree.map(lambda x: time_step * x, power)
     if found.memory and model.cohesion is not None:
-        ((earlier, later),) = found.memory
-        along = vectors.dot(pair.velocity, normal)
-        closing, former = 2.0 * approach + along, pair.overlap + time_step * along
-        gap = gap_of(pair, found.material)._replace(overlap=pair.overlap + 0.5 * time_step * closing)
-        constants = required(found.material.cohesion, "cohesion")
-        lost = energy_lost(model.cohesion, gap, former, constants, earlier, later)
-        work = work._replace(adhesion=lost)
+        work = work._replace(adhesion=_lost_to_cohesion(model.cohesion, found, approach, time_step))
     if found.lost is not None:
         work = work._replace(adhesion=found.lost if work.adhesion is None else work.adhesion + found.lost)
     there = found.there
     return work if there is None else jax.tree.map(lambda x: jnp.where(there, x, 0.0), work)
+
+
+def _mean_motion(
+    found: FoundContacts, before: Motion, after: Motion, time_step: Array, wall: Array | None
+) -> tuple[Array, Vector, Vector, Vector | None]:
+    """Rate of approach, slip and relative spin of every contact by the mean velocities over the step, and half of the
+    change of its wall's velocity; see `work_of_contacts`."""
+    pair, normal = found.pair, found.pair.normal
+    half, spin, other = _half_changes(found, before, after, time_step)
+    # The velocities of most walls are what they are in the middle of the step.
+    velocity, half_of_wall = vectors.add(pair.velocity, half), None
+    if wall is not None:
+        half_of_wall = tuple(0.5 * wall[:, k, None] for k in range(wall.shape[1]))
+        velocity = vectors.subtract(velocity, half_of_wall)
+    spin = vectors.add(pair.spin, spin)
+    turning = vectors.scale(pair.radius - 0.5 * pair.overlap, spin)
+    relative_spin = spin
+    if pair.other_spin is not None:
+        other = vectors.add(pair.other_spin, other)
+        turning = vectors.add(turning, vectors.scale(pair.other_radius - 0.5 * pair.overlap, other))
+        relative_spin = vectors.subtract(spin, other)
+    elif pair.wall_spin is not None:
+        relative_spin = vectors.subtract(spin, pair.wall_spin)
+    approach = -vectors.dot(velocity, normal)
+    slip = vectors.subtract(tangent.part_in_plane(velocity, normal), tangent.surface_velocity(turning, normal))
+    return approach, slip, relative_spin, half_of_wall
+
+
+def _lost_to_cohesion(cohesion: Cohesion, found: FoundContacts, approach: Array, time_step: Array) -> Array:
+    """What the cohesion of every contact loses in a step with this rate of approach [J]."""
+    pair = found.pair
+    ((earlier, later),) = found.memory
+    along = vectors.dot(pair.velocity, pair.normal)
+    closing, former = 2.0 * approach + along, pair.overlap + time_step * along
+    gap = gap_of(pair, found.material)._replace(overlap=pair.overlap + 0.5 * time_step * closing)
+    constants = required(found.material.cohesion, "cohesion")
+    return energy_lost(cohesion, gap, former, constants, earlier, later)
 
 
 def _half_changes(
