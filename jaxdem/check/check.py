@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Iterable
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from jaxdem.check.unit_warnings import unit_warnings
 from jaxdem.check.walls_in_fluid import bytes_of, wall_memory
 from jaxdem.closures.subgrid import LARGEST_GRADIENT, LARGEST_VISCOSITY
 from jaxdem.fluid.interval import VISCOUS_LIMIT
-from jaxdem.particles.neighbors import Neighbors
+from jaxdem.particles.neighbors import Neighbors, Room
 from jaxdem.run.samples import samples_every
 from jaxdem.scene import Scene
 from jaxdem.setup import stability
@@ -36,6 +36,9 @@ from jaxdem.setup.particles import ParticleSetup
 from jaxdem.setup.start_point import StartPoint
 from jaxdem.simulation import Simulation
 from jaxdem.state import Parameters, State
+
+Told = TypeVar("Told")
+Said = TypeVar("Said")
 
 RUNNING = "total while running"
 """Name of the sum of the memory."""
@@ -156,23 +159,15 @@ def check_scene(scene: Scene, start: StartPoint | None = None, devices: int | No
     simulation, parameters, steps = case.simulation, case.parameters, case.simulation.steps
     samples_every(scene, simulation)
     state, room = case.first_state()
-    neighbors = None
-    if room is not None and state.particles is not None:
-        neighbors = simulation.list_shapes(parameters, state.particles, room)
+    neighbors = _list_shapes(case, state, room)
     spacing = None if simulation.fluid is None else simulation.fluid.solver.grid.spacing
-    diameter = case.bodies.largest_diameter if scene.particles else None
     grains = 1.0 if scene.particles is None else scene.particles.coarse_grain**scene.dimension
     count = None if state.particles is None else len(state.particles.position)
     load = screen_load(scene, simulation, parameters, case.grains, (count or 0) * grains)
     cost, memory = run_cost(simulation, neighbors), _memory(simulation, parameters, state, neighbors)
     void = _void_fraction(state)
-    over, processes = None, None
-    if devices is not None and devices > 1:
-        over = check_devices(case, devices, state, neighbors, memory)
-    elif devices is None:
-        processes = processes_that_pay(case, state, neighbors, memory, cost)
+    over, processes = _over_devices(case, devices, state, neighbors, memory, cost)
     compiled_in, left_out = compiled_parts(scene, simulation, parameters)
-    warned = [sentence for of_part in CAUTIONS for sentence in of_part(case)]
     return CheckReport(
         precision=scene.precision,
         size=scene.domain.size,
@@ -181,7 +176,7 @@ def check_scene(scene: Scene, start: StartPoint | None = None, devices: int | No
         grains_per_parcel=grains if grains > 1.0 else None,
         cells=None if scene.fluid is None else scene.fluid.cells,
         spacing=spacing,
-        cells_per_diameter=(min(spacing) / diameter, max(spacing) / diameter) if spacing and diameter else None,
+        cells_per_diameter=_cells_per_diameter(case, spacing),
         kernel_half_width=simulation.half_width,
         void_fraction=void,
         closed_pockets=case.fluid_walls.closed_pockets,
@@ -191,14 +186,14 @@ def check_scene(scene: Scene, start: StartPoint | None = None, devices: int | No
         speed_limit=steps.speed_limit,
         expected_overlap=steps.expected_overlap,
         maximum_overlap=None if scene.contact is None else scene.contact.maximum_overlap,
-        numbers=tuple(number for of_part in NUMBERS for number in of_part(case)),
+        numbers=_told(NUMBERS, case),
         screen_load=load,
         cost=cost,
-        warnings=(*warned, *cautions(scene, case.bodies, spacing, load, cost)),
+        warnings=(*_told(CAUTIONS, case), *cautions(scene, case.bodies, spacing, load, cost)),
         memory=memory,
         population=population_rows(scene, simulation, state),
         probes=probe_rows(case, state, neighbors),
-        packs=tuple(row for of_part in ROWS for row in of_part(case.particles)),
+        packs=_told(ROWS, case.particles),
         meshes=mesh_rows(case),
         openings=opening_rows(case),
         start=case.start_figures,
@@ -208,6 +203,40 @@ def check_scene(scene: Scene, start: StartPoint | None = None, devices: int | No
         left_out=left_out,
         **particle_figures(case),
     )
+
+
+def _list_shapes(case: Case, state: State, room: Room | None) -> Neighbors | None:
+    """The neighbour list at the start, shapes alone; None without particles."""
+    if room is None or state.particles is None:
+        return None
+    return case.simulation.list_shapes(case.parameters, state.particles, room)
+
+
+def _cells_per_diameter(case: Case, spacing: tuple[float, ...] | None) -> tuple[float, float] | None:
+    """Smallest and largest side of a cell over the largest diameter [-]; None without fluid or particles."""
+    if case.scene.particles is None or not spacing:
+        return None
+    diameter = case.bodies.largest_diameter
+    return (min(spacing) / diameter, max(spacing) / diameter) if diameter else None
+
+
+def _told(parts: Iterable[Callable[[Told], Iterable[Said]]], about: Told) -> tuple[Said, ...]:
+    """What all parts say, in their order."""
+    return tuple(said for of_part in parts for said in of_part(about))
+
+
+def _over_devices(
+    case: Case,
+    devices: int | None,
+    state: State,
+    neighbors: Neighbors | None,
+    memory: dict[str, int],
+    cost: RunCost,
+) -> tuple[DeviceReport | None, DeviceReport | None]:
+    """What the scene will be on so many devices; where no number is asked for, in the processes that pay."""
+    if devices is None:
+        return None, processes_that_pay(case, state, neighbors, memory, cost)
+    return (check_devices(case, devices, state, neighbors, memory) if devices > 1 else None), None
 
 
 def _time_steps(simulation: Simulation) -> dict[str, float]:

@@ -107,16 +107,8 @@ def check_devices(
         each = _memory(case, memory, 0.0, number)
         return DeviceReport(number, blocks.axis, (), (), cells, (0, *of_fluid), each, 1.0, None, None)
     counts, ghosts, room = _spread(case, blocks, state)
-    item = state.particles.position.dtype.itemsize
-    dimension = len(simulation.box)
-    low = 0 if state.particles.position_low is None else dimension
-    bonds = state.particles.bonds
-    require_in_reach(simulation.search, required(case.parameters.bodies, "parameters.bodies"), bonds)
-    turned = 0 if bonds is None else len(jax.tree.leaves((bonds.orientation, bonds.orientation_low)))
-    turned += sum(x.shape[1] for x in jax.tree.leaves((state.particles.orientation, state.particles.orientation_low)))
-    # Position, velocity, spin, how it lies, the velocity that a contact step expects, and one number.
-    values = 3 * dimension + state.particles.angular_velocity[0].size + low + turned
-    sent = 2 * (room.ghosts * values * item + 4)
+    require_in_reach(simulation.search, required(case.parameters.bodies, "parameters.bodies"), state.particles.bonds)
+    sent = 2 * (room.ghosts * _ghost_bytes(state.particles) + 4)
     rows = (room.rows + 2 * room.ghosts) / max(len(state.particles.position), 1)
     lists, most = (neighbors, listed), max(ghosts)  # lists on one device, and in slabs
     times = {
@@ -139,6 +131,17 @@ def check_devices(
         float(times[1] / times[number]),
         useful,
     )
+
+
+def _ghost_bytes(particles: ParticleState) -> int:
+    """What is sent of a ghost in a contact step: position, velocity, spin, how it lies, the velocity that a contact
+    step expects, and one number [B]."""
+    dimension, bonds = particles.position.shape[1], particles.bonds
+    low = 0 if particles.position_low is None else dimension
+    turned = 0 if bonds is None else len(jax.tree.leaves((bonds.orientation, bonds.orientation_low)))
+    turned += sum(x.shape[1] for x in jax.tree.leaves((particles.orientation, particles.orientation_low)))
+    values = 3 * dimension + particles.angular_velocity[0].size + low + turned
+    return int(values * particles.position.dtype.itemsize)
 
 
 def processes_that_pay(

@@ -15,11 +15,15 @@ import jax
 import numpy as np
 
 from jaxdem.closures.base import DragClosure, sees_wide
+from jaxdem.coupling.coupled import Coupling
+from jaxdem.coupling.forces import FluidForce
 from jaxdem.devices import DividedSimulation, distributed, divided
 from jaxdem.errors import InputError
+from jaxdem.fluid.interval import FluidInterval
 from jaxdem.particles.neighbors import Neighbors, Room
 from jaxdem.probes.base import ScheduledProbe
 from jaxdem.scene import Scene
+from jaxdem.scene.coupling import Coupling as CouplingTable
 from jaxdem.scene.unread import unread_keys
 from jaxdem.setup.bodies import NO_BODIES, Bodies
 from jaxdem.setup.boundaries import scene_boundary
@@ -201,13 +205,9 @@ def build_case(
         scene, closure, extensions: see `build`.
         start: state that it begins from, of a scene with `[start]`; read from the run that it names if not given.
     """
-    require_one_stage(scene)
-    extensions = parts_given(closure, extensions)
+    extensions = _parts_that_work(scene, closure, extensions)
     start = read_start(scene) if start is None else start
     dtype = _dtype(scene)
-    check_memory(scene)
-    require_read(scene, closure, extensions)
-    check_own_forces(extensions.get("forces") or (), scene.dimension, scene.surface is not None)
     boundary = scene_boundary(scene, extensions.get("inlet_profiles"), extensions.get("side_conditions"))
     particles, fluid = _particles(scene, start), fluid_setup(scene, kept_liquid(scene, start))
     check_magnitudes(scene, NO_BODIES if particles is None else particles.bodies)
@@ -226,11 +226,7 @@ def build_case(
         interval = fluid_interval(fluid, boundary, steps, len(seen.walls), tuple(one.compiled for one in seen.openings))
     if interval is not None and particles is not None and scene.coupling is not None:
         closure = drag_closure(scene, scene.coupling, closure)
-        surroundings = surroundings_of(scene, particles, closure)
-        own = extensions.get("forces") or ()
-        coupling = fluid_coupling(
-            scene.coupling, interval, particles.bodies.largest_diameter, surroundings, own, sees_wide(closure)
-        )
+        coupling = _coupling(scene, scene.coupling, particles, interval, closure, extensions.get("forces") or ())
         seen = seen.with_particles(interval.solver.grid, coupling.deposition, particles.bodies.largest_diameter)
     scalar_surfaces = None if interval is None else surfaces_of_scalars(scene, interval.solver.grid, seen)
     scalars = scene_scalars(scene, particles, interval, steps, extensions.get("nusselt"), scalar_surfaces)
@@ -250,13 +246,35 @@ def build_case(
         scalars=scalars,
         walls_in_fluid=seen.moving,
     )
-    parameters = scene_parameters(scene, particles, closure, extensions.get("subgrid"), dtype)
-    parameters = seen.put_into(parameters)
+    parameters = seen.put_into(scene_parameters(scene, particles, closure, extensions.get("subgrid"), dtype))
     if scalar_surfaces is not None and scalars is not None:
         parameters = scalar_surfaces.put_into(parameters, [field.name for field in scalars.fields])
     probes = scene_probes(scene, steps, clock, 0 if particles is None else particles.total)
     unread = () if has_models(extensions) else unread_keys(scene)
     return Case(scene, particles, with_measured_walls(simulation, probes), parameters, probes, start, seen, unread)
+
+
+def _parts_that_work(scene: Scene, closure: DragClosure | None, extensions: Extensions) -> Extensions:
+    """The parts of the user that are given; refuses what cannot work before anything is made."""
+    require_one_stage(scene)
+    extensions = parts_given(closure, extensions)
+    check_memory(scene)
+    require_read(scene, closure, extensions)
+    check_own_forces(extensions.get("forces") or (), scene.dimension, scene.surface is not None)
+    return extensions
+
+
+def _coupling(
+    scene: Scene,
+    table: CouplingTable,
+    particles: ParticleSetup,
+    interval: FluidInterval,
+    closure: DragClosure,
+    own: Sequence[FluidForce],
+) -> Coupling:
+    """The exchange between fluid and particles, with what the drag law asks for."""
+    surroundings, diameter = surroundings_of(scene, particles, closure), particles.bodies.largest_diameter
+    return fluid_coupling(table, interval, diameter, surroundings, own, sees_wide(closure))
 
 
 def _particles(scene: Scene, start: StartPoint | None) -> ParticleSetup | None:
