@@ -23,6 +23,8 @@ from jaxdem.particles.surfaces import DistanceFunction
 from jaxdem.run import chunk, exported, program_cache
 from jaxdem.run.fingerprint import UnknownKind, fingerprint
 from jaxdem.run.numbers import NO_NUMBERS, loop_numbers, with_numbers
+from jaxdem.setup.builder import build_case
+from tests.cases.surfaces import grains_scene
 
 ROOT = Path(__file__).parents[1]
 SETTLING = ROOT / "scenes" / "settling.toml"
@@ -80,6 +82,18 @@ def test_a_check_compiles_nothing(compiled_programs):
         report = check_scene(jaxdem.load_scene(SETTLING))
     assert compiled_programs() == 0
     assert report.void_fraction[0] < 1.0
+
+
+def test_walls_that_move_begin_with_few_programs(compiled_programs):
+    """Where they lie on each other, where they are, how deep grains are in them, and the neighbour list. Operation by
+    operation the places alone are 40."""
+    turning = {"kind": "rotation", "axis": [0.0, 1.0, 0.0], "center": [0.5, 0.0, 0.2], "rate": 0.37}
+    drawn = {"kind": "table", "displacement": [0.0, 0.1, 0.1], "times": [0.0, 0.3, 1.0], "direction": [0.0, 0.0, 1.0]}
+    wall = {"kind": "plane", "point": [0.5, 0.5, 0.21], "normal": [0.0, 0.0, 1.0], "motion": [turning, drawn]}
+    scene = jaxdem.load_scene(grains_scene([wall], [[0.3, 0.5, 0.5], [0.7, 0.5, 0.5], [0.7, 0.5, 0.7]]))
+    case = build_case(scene)
+    case.initial_state()
+    assert 0 < compiled_programs() <= 4
 
 
 @pytest.mark.parametrize(

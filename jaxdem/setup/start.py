@@ -20,6 +20,7 @@ from jaxdem.fluid.momentum import FluidSolver
 from jaxdem.fluid.two_fluids import TwoFluidSolver
 from jaxdem.numerics import vectors
 from jaxdem.numerics.host import on_device
+from jaxdem.numerics.placement import Placement
 from jaxdem.particles.contact_interval import ContactInterval
 from jaxdem.particles.integrate import ParticleState
 from jaxdem.particles.mesh_contact import MeshMemory
@@ -64,7 +65,7 @@ def first_state(
         times = model.wall_times
         middle = 0.5 * simulation.interval
         present = None if times is None else np.asarray([bool(window.holds(middle)) for window in times.windows])
-        placed = simulation.placed(parameters, state, _full((), 0, np.int32)) if model.motions else ()
+        placed = surfaces_placed(simulation, parameters, state, _full((), 0, np.int32))
         spheres, radius = contact_spheres(state, parameters.bodies)
         check_surfaces(scene, model.surfaces, present, spheres, radius, allowed, placed)
         check_inlets_beside_meshes(particles, placed)
@@ -81,6 +82,21 @@ def first_state(
         fluid = resting_fluid(scene, simulation.fluid.solver, now, void_fraction)
     scalars = first_scalars(scene, particles, simulation, parameters, state, fluid=fluid)
     return State(state, fluid, _full((), 0, np.int32), scalars), room
+
+
+def surfaces_placed(
+    simulation: Simulation, parameters: Parameters, particles: ParticleState, step: Array
+) -> tuple[Placement | None, ...]:
+    """`Simulation.placed` as one program, which equal simulations share; by itself every operation would be one."""
+    moves = simulation.contact is not None and simulation.contact.model.motions
+    return _placed(simulation, parameters, particles, step) if moves else ()
+
+
+@jax.jit
+def _placed(
+    simulation: Simulation, parameters: Parameters, particles: ParticleState, step: Array
+) -> tuple[Placement | None, ...]:
+    return simulation.placed(parameters, particles, step)
 
 
 def resting_fluid(scene: Scene, solver: FluidSolver, parameters: Parameters, void_fraction: Array | None) -> FluidState:

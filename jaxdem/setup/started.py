@@ -25,7 +25,7 @@ from jaxdem.setup.first_parts import Begun, with_parts
 from jaxdem.setup.first_scalars import first_scalars
 from jaxdem.setup.overlaps import allowed_overlap, check_initial_positions
 from jaxdem.setup.particles import ParticleSetup
-from jaxdem.setup.start import initial_void_fraction, inlet_places, resting_fluid, with_mesh_memory
+from jaxdem.setup.start import initial_void_fraction, inlet_places, resting_fluid, surfaces_placed, with_mesh_memory
 from jaxdem.setup.start_point import StartPoint, of_deposit, walls_of
 from jaxdem.setup.started_fluid import StartedFluid
 from jaxdem.setup.started_list import carried_springs, widened_list
@@ -100,9 +100,7 @@ class Beginning:
 
     def _placed(self, particles: ParticleState) -> tuple[Placement | None, ...]:
         """Where the walls beside the sides of the box are; empty where all are at rest."""
-        model = required(self.simulation.contact, "contact").model
-        step = on_device(self.start.step, np.int32)
-        return self.simulation.placed(self.parameters, particles, step) if model.motions else ()
+        return surfaces_placed(self.simulation, self.parameters, particles, on_device(self.start.step, np.int32))
 
     def _check_places(self, own: StartedParticles, state: ParticleState) -> None:
         """Refuses particles that overlap each other or a wall by more than a run may have."""
@@ -277,6 +275,8 @@ class Beginning:
     def _memory(self, coupling: Coupling, state: ParticleState, fluid: FluidState) -> Any:
         """What further forces remember: of the particles of the run if it had the force and the interval, else of a
         slip that has always been as it is."""
+        if not coupling.remembers:
+            return None
         grid = coupling.interval.solver.grid
 
         @jax.jit
@@ -287,14 +287,14 @@ class Beginning:
 
         fresh = first(state, fluid)
         if float(self.start.attributes["interval"]) != self.simulation.interval:
-            return fresh or None
+            return fresh
         former = len(self.start.arrays["state.particles.position"])
         leaves, structure = jax.tree_util.tree_flatten_with_path(fresh)
         found = []
         for path, leaf in leaves:
             stored = self.start.arrays.get("state.particles.fluid_memory" + jax.tree_util.keystr(path))
             found.append(leaf if stored is None else _over(np.array(leaf), stored, former))
-        return jax.tree_util.tree_unflatten(structure, found) or None
+        return jax.tree_util.tree_unflatten(structure, found)
 
 
 def _over(fresh: np.ndarray, stored: np.ndarray, rows: int) -> Array:
