@@ -287,14 +287,14 @@ class Beginning:
 
         fresh = first(state, fluid)
         if float(self.start.attributes["interval"]) != self.simulation.interval:
-            return fresh
+            return fresh or None
         former = len(self.start.arrays["state.particles.position"])
         leaves, structure = jax.tree_util.tree_flatten_with_path(fresh)
         found = []
         for path, leaf in leaves:
             stored = self.start.arrays.get("state.particles.fluid_memory" + jax.tree_util.keystr(path))
             found.append(leaf if stored is None else _over(np.array(leaf), stored, former))
-        return jax.tree_util.tree_unflatten(structure, found)
+        return jax.tree_util.tree_unflatten(structure, found) or None
 
 
 def _over(fresh: np.ndarray, stored: np.ndarray, rows: int) -> Array:
