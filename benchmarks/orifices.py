@@ -5,7 +5,7 @@ The flow is the slope of the mass that has left between two times, grains lying 
 
     python benchmarks/orifices.py [--grains 4000] [--radius 9.5] [--diameter 0.004] [--folder runs]
     python benchmarks/orifices.py --fit      the fits alone, to the flows of the results
-    python benchmarks/orifices.py --radius 20 --grains 25000 --orifices 5 8 12 16 --name orifices_wide --folder runs
+    python benchmarks/orifices.py --radius 15 --grains 12000 --orifices 5 8 12 --end 0.8 0.8 0.4 --name orifices_wide
 
 With --folder what is there is used again, and a run that was stopped goes on.
 
@@ -40,6 +40,9 @@ DENSITY, BULK = 2500.0, 1500.0
 ORIFICES = (5.0, 6.5, 8.0)
 FLOOR, FILLED, HEIGHT = 4.0, 26.0, 32.0
 """Of the bottom, of the region of the grains, and of the box, over the diameter of a grain [-]."""
+
+PARTS = 6
+"""Parts of the measured time; from the scatter of their flows is the error of the mean."""
 
 BEGIN = 0.1
 """Time after the opening from which the flow is steady [s]."""
@@ -80,7 +83,7 @@ def law(orifice: float, diameter: float) -> float:
     return 0.58 * BULK * math.sqrt(9.81) * (orifice - 1.4 * diameter) ** 2.5
 
 
-def flow(width: float, filled: Path, given: argparse.Namespace, folder: Path) -> dict[str, float]:
+def flow(width: float, end: float, filled: Path, given: argparse.Namespace, folder: Path) -> dict[str, float]:
     """Flow through an orifice of so many diameters, from `BEGIN` until a third of the grains has left or the end."""
     diameter, name = given.diameter, f"{width:g}d"
     orifice, scene = width * diameter, tables(given)
@@ -88,19 +91,21 @@ def flow(width: float, filled: Path, given: argparse.Namespace, folder: Path) ->
     plane = scene["walls"].pop()
     scene["walls"].append({"kind": "mesh", "file": file, "translate": plane["point"]})
     begin = scene["time"]["end"]
-    scene |= {"start": {"from": str(filled)}, "time": {"end": begin + given.end, "output_interval": 0.01}}
+    scene |= {"start": {"from": str(filled)}, "time": {"end": begin + end, "output_interval": 0.01}}
     del scene["particles"]["pack"]
     before = time.process_time()
     run = jaxdem.simulate(jaxdem.load_scene(scene), folder / name, resume=(folder / name).exists())
     seconds = time.process_time() - before
     passed, removed = np.asarray(run.history["time"]) - begin, np.asarray(run.history["removed"])
     steady = (passed >= BEGIN) & (removed <= given.grains / 3)
-    (slope, _), covariance = np.polyfit(passed[steady], removed[steady], 1, cov=True)
+    slope = np.polyfit(passed[steady], removed[steady], 1)[0]
+    edges = np.linspace(passed[steady][0], passed[steady][-1], PARTS + 1)
+    scatter = np.std(np.diff(np.interp(edges, passed, removed)) / np.diff(edges), ddof=1)
     mass = DENSITY * math.pi / 6.0 * diameter**3
     return {
         "orifice_m": orifice,
         "flow_kg_s": mass * slope,
-        "error_kg_s": mass * math.sqrt(covariance[0, 0]),
+        "error_kg_s": mass * scatter / math.sqrt(PARTS),
         "law_kg_s": law(orifice, diameter),
         "ratio": mass * slope / law(orifice, diameter),
         "measured_s": float(np.ptp(passed[steady])),
@@ -143,7 +148,7 @@ def main() -> None:
     parser.add_argument("--grains", type=int, default=4000)
     parser.add_argument("--radius", type=float, default=9.5, help="of the silo, in diameters of a grain")
     parser.add_argument("--diameter", type=float, default=0.004, help="of a grain [m]")
-    parser.add_argument("--end", type=float, default=0.4)
+    parser.add_argument("--end", type=float, nargs="+", default=[0.4], help="time of each orifice, or of all [s]")
     parser.add_argument("--orifices", type=float, nargs="+", default=ORIFICES, help="in diameters of a grain")
     parser.add_argument("--name", default="orifices", help="of the files of the results")
     parser.add_argument("--folder", type=Path)
@@ -160,8 +165,8 @@ def main() -> None:
         jaxdem.simulate(jaxdem.load_scene(tables(given)), filled, resume=filled.exists())
         print(f"filled: {time.process_time() - before:.0f} s", flush=True)
         rows = []
-        for orifice in given.orifices:
-            rows.append(flow(orifice, filled, given, folder))
+        for orifice, end in zip(given.orifices, given.end * (len(given.orifices) // len(given.end)), strict=True):
+            rows.append(flow(orifice, end, filled, given, folder))
             print(rows[-1], flush=True)
         top = float(np.quantile(jaxdem.load_run(filled).particles(0)["position"][:, 2], 0.99))
     free = np.log([row["orifice_m"] - 1.4 * given.diameter for row in rows])
