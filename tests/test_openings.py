@@ -3,6 +3,7 @@
 import copy
 import functools
 import math
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -299,8 +300,23 @@ def test_what_does_not_work_is_refused_by_name():
     swings = cylinder(0.2, False, [{"kind": "inlet", "velocity": 0.1}, INLET | {"flow": -0.1}], motion=MOVES)
     swings["opening"][0]["region"], swings["opening"][1]["region"] = right, left
     assert "walls.0.opening.0.velocity" in refusal(tables((8, 8), [swings]))
+    across = {"kind": "translation", "velocity": [0.0, -0.5]}
+    lid = {"kind": "plane", "point": [0.0, 0.9], "normal": [0.0, -1.0], "fluid": "no_slip", "motion": [across]}
+    assert "no way out" in refusal(tables((8, 8), [lid]))
+    drain = {"kind": "plane", "point": [0.0, 0.125], "normal": [0.0, 1.0], "fluid": "no_slip", "opening": [OUTLET]}
+    build(load_scene(tables((8, 8), [lid, drain])))
+    high = {"shape": "box", "start": [0.0, 0.5], "stop": [1.0, 1.0]}
+    behind = cylinder(0.2, False, [INLET | {"region": high}])
+    assert "walls.1.opening.0.region = 'box': is covered" in refusal(tables((8, 8), [lid, behind, drain]))
     surface = {"level": 0.5, "density": 1.0, "viscosity": 1e-3}
     assert "surface" in refusal(with_openings(INLET, surface=surface, **open_box))
+
+
+def test_areas_of_the_scene_are_those_of_its_arcs():
+    """Both openings are parts 20 mm wide of a circle, 2 R asin(10 mm / R) long."""
+    case = build_case(load_scene(Path(__file__).parents[1] / "scenes" / "jet_in_tank.toml"))
+    arc = 2.0 * 0.095 * math.asin(0.01 / 0.095) * 0.01
+    assert [one.area for one in case.fluid_walls.openings] == pytest.approx([arc, arc], rel=1e-3)
 
 
 def test_check_tells_the_area_beside_that_of_a_finer_mesh():

@@ -31,7 +31,7 @@ from jaxdem.setup.moving_fluid_walls import (
     open_cells_at,
     still_distances,
 )
-from jaxdem.setup.openings import WallOpening, check_balance, check_speed, wall_openings, with_openings
+from jaxdem.setup.openings import WallOpening, check_at, check_balance, check_speed, wall_openings, with_openings
 from jaxdem.state import Parameters
 
 
@@ -145,8 +145,10 @@ def fluid_walls(
         still = still_distances(grid, surfaces)
         if moving.change_place:
             check_bodies_that_come(scene, moving, boundary)
+            has_outlet = boundary.has_outlet or any(one.is_outlet for one in openings)
             for look in looks(scene, moving, still, (begin, interval)):
-                check_way_out(scene, moving, boundary, look)
+                check_way_out(scene, moving, boundary, look, has_outlet)
+                check_at(scene, grid, boundary, look, openings)
                 if moving.gates:
                     _check_openings(scene, grid, boundary, look.cut)
     changes = moving is not None and bool(moving.change_place)

@@ -113,7 +113,7 @@ def looks(scene: Scene, moving: WallsInFluid, still: StillDistances, times: tupl
         yield Look(time, cut, np.asarray(swept))
 
 
-def check_way_out(scene: Scene, moving: WallsInFluid, boundary: Boundary, look: Look) -> None:
+def check_way_out(scene: Scene, moving: WallsInFluid, boundary: Boundary, look: Look, has_outlet: bool) -> None:
     """Refuses walls that squeeze fluid which cannot leave, as far as can be seen at a time of the run.
 
     Args:
@@ -121,6 +121,7 @@ def check_way_out(scene: Scene, moving: WallsInFluid, boundary: Boundary, look: 
         moving: the walls that move.
         boundary: sides of the box.
         look: at this time.
+        has_outlet: whether there is one, on a side or a wall.
 
     Raises:
         InputError: naming the wall and the time.
@@ -140,7 +141,7 @@ def check_way_out(scene: Scene, moving: WallsInFluid, boundary: Boundary, look: 
             limit = f"shuts the inlet {name} off from the outlets at {time:.4g} s"
             raise InputError(key, "...", limit, "leave a gap of two cells, or another way")
     spaces = [("the fluid there", cut_off & fluid)]
-    if not boundary.has_outlet:
+    if not has_outlet:
         spaces.append(("the fluid in the box", ~cut_off & fluid))
     for words, space in spaces:
         if scene.particles is not None and words == "the fluid there" and space.any():

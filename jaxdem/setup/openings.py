@@ -22,6 +22,7 @@ from jaxdem.scene.fluid_walls import seen_by_fluid
 from jaxdem.scene.openings import Opening as OpeningTable
 from jaxdem.setup.cut_cells import spaces_of
 from jaxdem.setup.fluid_surfaces import SeenSurface
+from jaxdem.setup.moving_fluid_walls import Look
 from jaxdem.setup.regions import region_space
 
 SHARED = 1e-6
@@ -168,6 +169,20 @@ def check_balance(
                 "an incompressible fluid without an outlet needs equal inflow and outflow",
                 'make an opening or a side an outlet (kind = "outlet"), or let the inlets remove as much as they bring',
             )
+
+
+def check_at(scene: Scene, grid: Grid, boundary: Boundary, look: Look, openings: Sequence[WallOpening]) -> None:
+    """Refuses walls that cover an opening, or shut it off, at a time of the run.
+
+    Raises:
+        InputError: naming the opening and the time.
+    """
+    for one, part in zip(openings, look.cut.openings or (), strict=True):
+        if float(part.area) <= 0.0:
+            limit = f"is covered by a wall at {look.time:.4g} s"
+            raise InputError(f"{one.key}.region", _shape(one), limit, "move the opening, or change the way of the wall")
+    if openings:
+        _check_spaces(scene, grid, boundary, look.cut, openings)
 
 
 def _check_spaces(scene: Scene, grid: Grid, boundary: Boundary, cut: CutCells, openings: Sequence[WallOpening]) -> None:
