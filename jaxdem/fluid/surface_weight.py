@@ -14,10 +14,11 @@ with the gradient of the pressure. Weight and pressure then leave -(rho_1 - rho_
 g.x_s is the same all along the surface: there it is at rest to rounding, at any angle to the mesh.
 
 x_s is the end of a column of cells across the surface, as in `curvature`: the liquid of the column from where it is
-full to where it is empty. That is exact for planes. On a face x_s is the mean of those of its two cells. While the
-surface is the graph of a height over one axis, what is added has no sum but for the ends of the surface: along the
-columns because all faces of one have its height, across them because mean(H) dH is the difference of H^2/2. On a drop,
-where columns along one axis meet those along another, it has a sum, which is an error of the weight.
+full to where it is empty. That is exact for planes. On a face x_s is the mean of those of its two cells, of columns
+along the axis of the face where they have both ends in the box, and of others where not. What is added then has no sum
+along the columns, because all faces of one have its height, nor across them, because mean(H) dH is the difference of
+H^2/2. With columns along one axis before others on all faces, the H^2/2 where columns along one axis meet those along
+another left the weight of some two cells on a drop of any size.
 
 Source: reduced gravity as a force of the surface with its gradient, as in the Basilisk solver (S. Popinet, Annu. Rev.
 Fluid Mech. 50 (2018) 49-75, section 3); the form above, which keeps weight where no column is found, is derived here.
@@ -46,7 +47,7 @@ SLIVER = 1e-3
 """A cell that lacks less than this of being full or empty ends a column: a plane that leaves so little of it does not
 reach the next cell of the column [-]."""
 
-STEEP = 0.9
+STEEP = 0.5
 """A surface is taken for a height over the plane across an axis while this component of its normal, in cells, is at
 least this part of the largest one [-]."""
 
@@ -64,11 +65,13 @@ class _Column(NamedTuple):
         offset: of the surface from the middle of the cell [m].
         known: bool, whether the column has an end.
         touches: bool, whether the surface meets the wall at its end within the cell.
+        free: bool, whether it is known without a wall: the column is full and empty within the box.
     """
 
     offset: Array
     known: Array
     touches: Array
+    free: Array
 
 
 def surface_weight(
@@ -93,8 +96,10 @@ def surface_weight(
         for axis in range(grid.dimension)
     ]
     head = stage(needed, lambda: _heads(grid, gravity, columns))
+    # A closed surface has no sum along its columns then, along any axis.
+    heads = [jnp.where(c.free, gravity[axis] * c.offset, head) for axis, c in enumerate(columns)]
     return tuple(
-        -0.5 * difference * between(grid, axis, head, False) * between(grid, axis, fraction, True) / h
+        -0.5 * difference * between(grid, axis, heads[axis], False) * between(grid, axis, fraction, True) / h
         for axis, h in enumerate(grid.spacing)
     )
 
@@ -102,7 +107,7 @@ def surface_weight(
 def _heads(grid: Grid, gravity: Array, columns: Sequence[_Column]) -> Array:
     """g.(x_s - x) of every cell, x its middle; zero where no column is known [m2/s2].
 
-    Of columns along the last axis before others, so that what is added has no sum along them where several are known.
+    Of columns along the last axis before others, where several are known.
     Where the surface meets a wall, and its column holds less than up to the plane there, that of the next cells.
     """
     head = jnp.zeros_like(columns[0].offset)
@@ -143,15 +148,16 @@ def _columns(grid: Grid, cells: Array, normal: tuple[Array, ...], axis: int) -> 
     marks = _marks(grid, cells, normal, axis)
     wide = _widened(grid, cells, axis, REACH, _WALL), _widened(grid, marks, axis, REACH, 0)
     own = jnp.where(liquid_below, cells, 1.0 - cells)
-    height, known, touches = own, marks < _AGAINST, jnp.zeros(cells.shape, bool)
+    height, known, touches, free = own, marks < _AGAINST, jnp.zeros(cells.shape, bool), cells < 1.5
 
     for sign, end in ((-1, 1.0), (1, 0.0)):
         dry = jnp.where(liquid_below == (end == 1.0), _BESIDE_EMPTY, _BESIDE_FULL)
 
         def further(carry: _Search, k: Array, sign: int = sign, end: float = end, dry: Array = dry) -> Any:
-            height, known, touches, reached, last, last_mark = carry
+            height, known, touches, free, reached, last, last_mark = carry
             there, mark = (lax.dynamic_slice_in_dim(w, REACH + sign * k, count, axis) for w in wide)
             wall = there > 1.5
+            free = free & (reached | ~wall)
             # Of the fluid that fills the lower ends of the columns.
             there = jnp.where(wall, end, jnp.where(liquid_below, there, 1.0 - there))
             height = height + jnp.where(reached, end, there)
@@ -161,12 +167,14 @@ def _columns(grid: Grid, cells: Array, normal: tuple[Array, ...], axis: int) -> 
             held, meets = jnp.abs(last - end), (last_mark & dry) > 0
             touches = touches | (wall & ~reached & meets & (held < 1.0))
             ends = jnp.where(wall, ~meets & (held < 1.0 - SLIVER), jnp.abs(there - end) < SLIVER)
-            return _Search(height, known, touches, reached | ends, jnp.where(wall, 1.0 - end, there), mark), None
+            last = jnp.where(wall, 1.0 - end, there)
+            return _Search(height, known, touches, free, reached | ends, last, mark), None
 
-        start = _Search(height, known, touches, jnp.abs(own - end) < SLIVER, own, marks)
+        start = _Search(height, known, touches, free, jnp.abs(own - end) < SLIVER, own, marks)
         found, _ = lax.scan(further, start, jnp.arange(1, REACH + 1))
-        height, known, touches = found.height, found.known & found.reached, found.touches
-    return _Column((height - (REACH + 0.5)) * grid.spacing[axis], known, touches & (marks < _AGAINST))
+        height, known, touches, free = found.height, found.known & found.reached, found.touches, found.free
+    offset = (height - (REACH + 0.5)) * grid.spacing[axis]
+    return _Column(offset, known, touches & (marks < _AGAINST), known & free)
 
 
 class _Search(NamedTuple):
@@ -175,6 +183,7 @@ class _Search(NamedTuple):
     Attributes:
         height: of the lower fluid so far, in cells.
         known, touches: see `_Column`, so far.
+        free: bool, whether there was no wall before the end.
         reached: bool, whether the end is reached.
         last, mark: fraction of the lower fluid and marks of the last cell.
     """
@@ -182,6 +191,7 @@ class _Search(NamedTuple):
     height: Array
     known: Array
     touches: Array
+    free: Array
     reached: Array
     last: Array
     mark: Array
