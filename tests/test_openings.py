@@ -239,7 +239,7 @@ def test_what_comes_in_brings_its_heat_and_dye():
 
 @COMBINATION
 def test_the_flow_between_two_spheres_is_radial(tmp_path):
-    """u = Q/(4 pi r^2) in 3-D, to 2 % of its speed at the source, which has three cells a radius."""
+    """u = Q/(4 pi r^2) in 3-D, to 0.6 % of its speed at the source, which has three cells a radius."""
     walls = []
     for name, radius in (("in", 0.2), ("out", 0.46)):
         ball = trimesh.creation.icosphere(3, radius)
@@ -256,7 +256,7 @@ def test_the_flow_between_two_spheres_is_radial(tmp_path):
         away = (r > 0.2 + 0.0625) & (r < 0.46 - 0.0625)
         exact = FLOW / (4.0 * np.pi * r**3) * x[..., axis]
         errors.append((np.asarray(state.fluid.face_velocity[axis]) - exact)[away])
-    assert np.sqrt(np.mean(np.concatenate(errors) ** 2)) < 0.02 * FLOW / (4.0 * np.pi * 0.2**2)
+    assert np.sqrt(np.mean(np.concatenate(errors) ** 2)) < 0.006 * FLOW / (4.0 * np.pi * 0.2**2)
     assert float(cut.openings[0].area) == pytest.approx(4.0 * np.pi * 0.2**2, rel=0.04)
 
 
