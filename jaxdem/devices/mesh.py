@@ -9,6 +9,7 @@ import jax
 import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
+from jaxdem.devices.message_order import in_one_order
 from jaxdem.errors import InputError, is_whole
 from jaxdem.numerics.blocks import MESH_AXIS
 from jaxdem.state import Diagnostics, State
@@ -62,8 +63,11 @@ def on_slabs(mesh: Mesh, function: Callable[..., Any], given: Any, result: Any) 
         result: the same of the result.
     """
 
+    # Devices that are processors run parts of a program at once.
+    own = in_one_order(function) if mesh.size > 1 and mesh.devices.flat[0].platform == "cpu" else function
+
     def of_one(*arguments: Any) -> Any:
-        found = function(*_each(lambda x: x[0], given, arguments))
+        found = own(*_each(lambda x: x[0], given, arguments))
         return _each(lambda x: x[None], result, found)
 
     # The rows of a slab are told apart by hand: loops start from constants, which the check takes for the same

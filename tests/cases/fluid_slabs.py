@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
+from jaxdem.devices.message_order import in_one_order
 from jaxdem.fluid.fluid_state import FluidState
 from jaxdem.fluid.grid import Grid
 from jaxdem.fluid.slabs import fluid_in_slabs, fluid_of_slabs
@@ -123,7 +124,7 @@ def on_slabs(number, function, given, result):
         arguments = [
             jax.tree.map(lambda x: x[0], a) if spec == SLABS else a for spec, a in zip(given, arguments, strict=True)
         ]
-        found = function(*arguments)
+        found = in_one_order(function)(*arguments)
         return jax.tree.map(lambda x: x[None], found) if result == SLABS else found
 
     return jax.shard_map(of_one, mesh=mesh, in_specs=tuple(given), out_specs=result, check_vma=False)
