@@ -63,8 +63,9 @@ def on_slabs(mesh: Mesh, function: Callable[..., Any], given: Any, result: Any) 
         result: the same of the result.
     """
 
-    # Devices that are processors run parts of a program at once.
-    own = in_one_order(function) if mesh.size > 1 and mesh.devices.flat[0].platform == "cpu" else function
+    # Devices that are processors run parts of a program at once. An abstract mesh has none: nothing is run on it.
+    processors = isinstance(mesh, Mesh) and mesh.size > 1 and mesh.devices.flat[0].platform == "cpu"
+    own = in_one_order(function) if processors else function
 
     def of_one(*arguments: Any) -> Any:
         found = own(*_each(lambda x: x[0], given, arguments))

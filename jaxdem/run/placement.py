@@ -256,7 +256,9 @@ def _leaves(prefix: str, tree: object) -> list[tuple[str, Any]]:
 
 
 def _own_slabs(leaf: jax.Array) -> np.ndarray:
-    """The slabs of this process, in their order."""
+    """The slabs of this process, in their order; without elements every device has them all."""
+    if not leaf.size:
+        return np.zeros((len(leaf.addressable_shards), *leaf.shape[1:]), leaf.dtype)
     shards = sorted(leaf.addressable_shards, key=lambda shard: shard.index[0].start or 0)
     return np.concatenate([np.asarray(shard.data) for shard in shards])
 
