@@ -237,6 +237,19 @@ def test_what_comes_in_brings_its_heat_and_dye():
     assert "walls.0.opening.0.temperature" in refusal(given)
 
 
+def test_a_cell_of_an_inlet_and_an_outlet_is_as_warm_as_what_comes_in():
+    """Side by side on one cylinder, with their edge within a cell: an outlet has no temperature, and 0 K is none."""
+    inlet = INLET | {"temperature": 320.0, "region": {"shape": "box", "start": [0.0, 0.0], "stop": [0.47, 1.0]}}
+    outlet = OUTLET | {"region": {"shape": "box", "start": [0.47, 0.0], "stop": [1.0, 1.0]}}
+    heat = {"fluid_heat_capacity": 1000.0, "fluid_conductivity": 0.01, "fluid_temperature": 300.0}
+    scene = load_scene(tables((12, 12), [cylinder(OUTER, True, [inlet, outlet])], heat=heat))
+    _, parameters, state, _ = advanced(scene, 10)
+    into, out = (np.asarray(part.supply) for part in parameters.fluid.cut.openings)
+    assert ((into > out) & (out > 0.0)).any()
+    warm = np.asarray(state.scalars.fields[0])[np.asarray(parameters.fluid.cut.open_cells) > 0.0]
+    assert warm.min() > 300.0 - 1e-9 and 302.0 < warm.max() < 320.0 + 1e-9
+
+
 @COMBINATION
 def test_the_flow_between_two_spheres_is_radial(tmp_path):
     """u = Q/(4 pi r^2) in 3-D, to 0.6 % of its speed at the source, which has three cells a radius."""

@@ -36,7 +36,8 @@ class ScalarWalls(NamedTuple):
         area: A/V of the cells [1/m].
         value: (F, S) of every field at every surface, where it has one [unit].
         flux: (F, S) of every field from every surface; of the temperature [W/m2], else [unit m/s].
-        brought: (F, O) of every field in what comes in through every opening; None without openings [unit].
+        brought: (F,) of every field in what comes in, of every opening, None of one that nothing comes in through; None
+            without openings [unit].
     """
 
     lent: Array
@@ -44,7 +45,7 @@ class ScalarWalls(NamedTuple):
     area: Array
     value: Array
     flux: Array
-    brought: Array | None = None
+    brought: tuple[Array | None, ...] | None = None
 
 
 class ScalarSurfaces(NamedTuple):

@@ -50,27 +50,34 @@ def between_surfaces(
 
 
 def through_openings(
-    grid: Grid, stream: Stream, surfaces: ScalarSurfaces, openings: Sequence[OpeningParts], given: tuple[Array, Array]
+    grid: Grid,
+    stream: Stream,
+    surfaces: ScalarSurfaces,
+    openings: Sequence[OpeningParts],
+    given: tuple[Sequence[Array | None], Array],
 ) -> ScalarSurfaces:
     """The surfaces with what passes their openings: the volume by which continuity of the stream, div F = s - dg/dt,
-    is open in the cells beside them.
+    is open in the cells beside them. What comes into a cell of several openings has the mean of their values by area.
 
     Args:
         grid: the grid.
         stream: over the interval.
         surfaces: without openings, which keep their place.
         openings: on them.
-        given: (O,) value of what comes in [unit], and the length of the interval [s].
+        given: value of what comes in through each, None of one that nothing does [unit], and the length of the
+            interval [s].
     """
     brought, duration = given
     flux = required(stream.flux, "flux of the fluid")
-    there = sum_of(part.supply for part in openings)
-    is_open = there > 0.0
     growth = surfaces.open_cells * (stream.after - stream.before) / duration
+    is_open = sum_of(part.supply for part in openings) > 0.0
     passing = jnp.where(is_open, divergence(grid, flux) + growth, 0.0)
-    mixed = sum_of(part.supply * value for part, value in zip(openings, brought, strict=True))
-    value = mixed / jnp.where(is_open, there, 1.0)
-    supply = surfaces.supply + jnp.maximum(passing, 0.0) * value
+    bringing = [(part.supply, value) for part, value in zip(openings, brought, strict=True) if value is not None]
+    supply = surfaces.supply
+    if bringing:
+        area = sum_of(s for s, _ in bringing)
+        value = sum_of(s * value for s, value in bringing) / jnp.where(area > 0.0, area, 1.0)
+        supply = supply + jnp.maximum(passing, 0.0) * value
     return surfaces._replace(supply=supply, drain=jnp.maximum(-passing, 0.0))
 
 

@@ -58,10 +58,13 @@ class SurfacesOfScalars:
             given = [[getattr(wall, key) or 0.0 for wall in self.walls] for _ in names]
             return np.where([[name == TEMPERATURE] for name in names], given, 0.0)
 
-        arrays = [self.lent, self.exchange, self.area, numbers("temperature"), numbers("heat_flux")]
-        if self.openings:
-            arrays.append(np.array([[_brought(one, name) for one in self.openings] for name in names]))
-        walls = ScalarWalls(*(on_device(array, dtype) for array in arrays))
+        arrays = (self.lent, self.exchange, self.area, numbers("temperature"), numbers("heat_flux"))
+        brought = tuple(
+            on_device(np.array([_brought(one, name) for name in names]), dtype) if one.brings else None
+            for one in self.openings
+        )
+        lent, exchange, area, value, flux = (on_device(array, dtype) for array in arrays)
+        walls = ScalarWalls(lent, exchange, area, value, flux, brought or None)
         return parameters._replace(scalars=scalars._replace(walls=walls))
 
 
@@ -103,9 +106,8 @@ def scalar_geometry(
 
 
 def _brought(opening: Opening, name: str) -> float:
-    """Of a field in what comes in through an opening; anything of one that nothing comes in through."""
-    value = opening.temperature if name == TEMPERATURE else (opening.scalars or {}).get(name)
-    return 0.0 if value is None else value
+    """Of a field in what comes in through an opening."""
+    return required(opening.temperature if name == TEMPERATURE else (opening.scalars or {}).get(name), name)
 
 
 def _kind(wall: Wall, name: str) -> SideKind:
