@@ -32,10 +32,10 @@ from jaxdem.structure import Clock
 ABOUT = ("domain", "boundary", "materials", "walls", "contact", "fluid", "surface", "coupling", "heat", "scalars")
 """Tables of its scene that a checkpoint knows."""
 
-NOT_OF_PLACE = ("name", "material", "temperature", "heat_flux", "wear")
+NOT_OF_PLACE = ("name", "material", "opening", "temperature", "heat_flux", "wear")
 """Keys of a wall that say nothing about where it is."""
 
-MAY_CHANGE = (*NOT_OF_PLACE, "motion", "piston", "fluid", "opening", "begin", "end")
+MAY_CHANGE = (*NOT_OF_PLACE, "motion", "piston", "fluid", "begin", "end")
 """Keys of a wall that a scene may change of a wall of the run that it begins from, which is then the same wall: what is
 kept at it goes on."""
 
