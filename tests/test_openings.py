@@ -306,6 +306,11 @@ def test_what_does_not_work_is_refused_by_name():
     assert "walls.0.opening" in refusal(tables((8, 8), [unseen], **grains, **open_box))
     assert "walls.0.end" in refusal(with_openings(INLET, wall={"end": 0.5}, **open_box))
     assert "one of velocity, flow" in refusal(with_openings(INLET | {"velocity": 1.0}, **open_box))
+    in_time = {"kind": "inlet", "times": [0.0, 1.0], "flows": [0.0, FLOW]}
+    assert "walls.0.opening.0.flows" in refusal(with_openings(in_time))
+    assert "walls.0.opening.0.flows" in refusal(with_openings(in_time | {"flows": [0.0, 1e4]}, **open_box))
+    once = refusal(with_openings(INLET | {"times": [0.0, 1.0]}, **open_box))
+    assert "walls.0.opening.0.flow = 0.05" in once and "Give flows in its place" in once
     assert "is of an inlet" in refusal(with_openings(OUTLET | {"flow": 1.0}))
     assert "Set coupling.interval or fluid.time_step" in refusal(with_openings(INLET | {"flow": 1e3}, **open_box))
     enclosed = cylinder(0.2, True, [INLET])

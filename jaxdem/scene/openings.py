@@ -12,7 +12,10 @@ from jaxdem.scene.regions import Region
 SHAPES = ("box", "cylinder", "sphere")
 """Of the regions that an opening can be the part of a wall in."""
 
-OF_INLETS = ("velocity", "flow", "ramp_time", "times", "velocities", "flows")
+AMOUNTS = ("velocity", "flow", "velocities", "flows")
+"""Keys of an inlet, of which it has one."""
+
+OF_INLETS = (*AMOUNTS, "ramp_time", "times")
 
 
 class Opening(Section):
@@ -56,12 +59,15 @@ class Opening(Section):
                     limit = "is of an inlet; an outlet takes what is left over"
                     raise wrong(name, getattr(self, name), limit, "remove this key, or give an inlet a negative flow")
             return self
-        given = [name for name in ("velocity", "flow", "velocities", "flows") if getattr(self, name) is not None]
+        given = [name for name in AMOUNTS if getattr(self, name) is not None]
         if len(given) != 1:
             limit = "an inlet has one of velocity, flow, and, with times, velocities or flows"
             found = " and ".join(given) or None
             raise wrong("velocity", found, limit, "add a velocity" if not given else "leave one of them")
-        table = "flows" if self.flows is not None else "velocities"
+        table = "velocities" if self.by_velocity else "flows"
+        if self.times is not None and given[0] != table:
+            limit = f"is one for all times, and there are times; these need {table}"
+            raise wrong(given[0], getattr(self, given[0]), limit, f"give {table} in its place, or remove times")
         check_table("times", self.times, table, getattr(self, table))
         return self
 
@@ -82,6 +88,11 @@ class Opening(Section):
     def brings(self) -> bool:
         """Whether fluid comes in through it at any time."""
         return max(self.amounts) > 0.0
+
+    @property
+    def given(self) -> str | None:
+        """Key that says how much comes in; None of an outlet."""
+        return next((name for name in AMOUNTS if getattr(self, name) is not None), None)
 
     @property
     def by_velocity(self) -> bool:

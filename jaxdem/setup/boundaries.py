@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -19,6 +19,9 @@ from jaxdem.scene.boundary import parabolic_axes
 from jaxdem.scene.fluid_walls import seen_by_fluid
 from jaxdem.setup.drive import bulk_speed
 from jaxdem.setup.fluid_surfaces import wall_speed_in_fluid
+
+BALANCED = 1e-5
+"""Net inflow over all that comes and goes, up to which a box without an outlet is in balance [-]."""
 
 
 def scene_boundary(
@@ -140,21 +143,37 @@ def check_flow(scene: Scene, grid: Grid, boundary: Boundary, openings: Sequence[
         )
     if openings:
         return
+    for time, net, gross in inflow_of_sides(scene, grid, boundary):
+        if abs(net) > BALANCED * gross:
+            key = next(name for name in scene.sides if scene.boundary[name].kind == "inlet")
+            raise imbalance(
+                f"boundary.{key}.velocity", net, time, 'make a side an outlet (boundary.<side>.kind = "outlet")'
+            )
+
+
+def inflow_of_sides(
+    scene: Scene, grid: Grid, boundary: Boundary, further: Iterable[float] = ()
+) -> Iterator[tuple[float, float, float]]:
+    """What comes in through the sides at times of the run, see `net_inflow`: the time, net and gross.
+
+    The times are such that the net of ramps times tables that are linear between their times is zero at all times if it
+    is zero at these: at three points of every piece. `further` are bends of what comes in elsewhere [s].
+    """
     sides = [scene.boundary[name] for name in scene.sides]
     velocities = [np.asarray(one.velocities or one.velocity or (0.0,) * scene.dimension) for one in sides]
-    # A ramp times a table that is linear between its times: zero at three points of a piece is zero in all of it.
-    bends = {0.0, scene.time.end, *(one.ramp_time or 0.0 for one in sides)}
+    bends = {0.0, scene.time.end, *(one.ramp_time or 0.0 for one in sides), *further}
     bends.update(time for one in sides for time in one.times or ())
     ends = sorted(time for time in bends if 0.0 <= time <= scene.time.end)
     middles = [0.5 * (a + b) for a, b in itertools.pairwise(ends)]
     for time in sorted((*ends, *middles)):
-        net, gross = net_inflow(grid, boundary, velocities, time)
-        if abs(net) > 1e-5 * gross:
-            key = next(name for name, one in zip(scene.sides, sides, strict=True) if one.kind == "inlet")
-            raise InputError(
-                f"boundary.{key}.velocity",
-                f"the inflow exceeds the outflow by {net:.4g} m3/s at t = {time:g} s",
-                "an incompressible fluid without an outlet needs equal inflow and outflow",
-                'make a side an outlet (boundary.<side>.kind = "outlet"), or let the inlets remove as much as they '
-                "bring",
-            )
+        yield time, *net_inflow(grid, boundary, velocities, time)
+
+
+def imbalance(key: str, net: float, time: float, remedy: str) -> InputError:
+    """The refusal of an inflow that exceeds the outflow at a time in a box without an outlet."""
+    return InputError(
+        key,
+        f"the inflow exceeds the outflow by {net:.4g} m3/s at t = {time:g} s",
+        "an incompressible fluid without an outlet needs equal inflow and outflow",
+        f"{remedy}, or let the inlets remove as much as they bring",
+    )

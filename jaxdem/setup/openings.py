@@ -12,7 +12,7 @@ import numpy as np
 from jaxdem.coupling.open_parts import corner_points, open_faces_of_cells
 from jaxdem.coupling.openings import OpeningPlace, opening_parts
 from jaxdem.errors import InputError, required
-from jaxdem.fluid.boundary import Boundary, coverage, net_inflow
+from jaxdem.fluid.boundary import Boundary, coverage
 from jaxdem.fluid.cut_cells import CutCells
 from jaxdem.fluid.grid import Grid
 from jaxdem.fluid.interval import SUBSTEPS
@@ -20,6 +20,7 @@ from jaxdem.fluid.openings import Opening
 from jaxdem.scene import Scene
 from jaxdem.scene.fluid_walls import seen_by_fluid
 from jaxdem.scene.openings import Opening as OpeningTable
+from jaxdem.setup.boundaries import BALANCED, imbalance, inflow_of_sides
 from jaxdem.setup.cut_cells import spaces_of
 from jaxdem.setup.fluid_surfaces import SeenSurface
 from jaxdem.setup.moving_fluid_walls import Look
@@ -27,9 +28,6 @@ from jaxdem.setup.regions import region_space
 
 SHARED = 1e-6
 """Part of a cell's surface that two openings may both have: rounding [-]."""
-
-BALANCED = 1e-5
-"""Net inflow over all that comes and goes, up to which a box without an outlet is in balance [-]."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,6 +45,11 @@ class WallOpening:
     table: OpeningTable
     place: OpeningPlace
     area: float = 0.0
+
+    @property
+    def key_of_amount(self) -> str:
+        """Key of what comes in through an inlet."""
+        return f"{self.key}.{self.table.given}"
 
     @property
     def compiled(self) -> Opening:
@@ -148,26 +151,17 @@ def check_balance(
     by_velocity = [one for one in openings if one.table.by_velocity]
     if changes and by_velocity and not outlets:
         limit = "is over an area of the mesh that changes as walls move, and the box has no outlet"
-        raise InputError(f"{by_velocity[0].key}.velocity", "...", limit, "give flow, or make another opening an outlet")
-    sides = [scene.boundary[name] for name in scene.sides]
-    velocities = [np.asarray(one.velocities or one.velocity or (0.0,) * scene.dimension) for one in sides]
-    bends = {0.0, scene.time.end}
-    bends.update(time for side in sides for time in (side.ramp_time or 0.0, *(side.times or ())))
-    bends.update(time for one in openings for time in (one.table.ramped_over, *(one.table.times or ())))
-    ends = sorted(time for time in bends if 0.0 <= time <= scene.time.end)
-    for time in sorted((*ends, *(0.5 * (a + b) for a, b in itertools.pairwise(ends)))):
-        net, gross = net_inflow(grid, boundary, velocities, time)
+        raise InputError(by_velocity[0].key_of_amount, "...", limit, "give flow, or make another opening an outlet")
+    bends = (time for one in openings for time in (one.table.ramped_over, *(one.table.times or ())))
+    for time, net, gross in inflow_of_sides(scene, grid, boundary, bends):
         flows = [one.flow(time) for one in openings]
         net, gross = net + sum(flows), gross + sum(map(abs, flows))
         if outlets and net < -BALANCED * gross:
             limit = f"lets {-net:.4g} m3/s in at t = {time:g} s, and nothing says what that brings"
             raise InputError(f"{outlets[0].key}.kind", "outlet", limit, "make it an inlet, or take off less elsewhere")
         if not outlets and abs(net) > BALANCED * gross:
-            raise InputError(
-                f"{openings[0].key}.flow",
-                f"the inflow exceeds the outflow by {net:.4g} m3/s at t = {time:g} s",
-                "an incompressible fluid without an outlet needs equal inflow and outflow",
-                'make an opening or a side an outlet (kind = "outlet"), or let the inlets remove as much as they bring',
+            raise imbalance(
+                openings[0].key_of_amount, net, time, 'make an opening or a side an outlet (kind = "outlet")'
             )
 
 
@@ -233,7 +227,7 @@ def check_speed(grid: Grid, openings: Sequence[WallOpening], interval: float, co
                 f"{SUBSTEPS[-1]} fluid steps with a Courant number of {courant} allow {most:.3g}"
             )
             remedy = f"set coupling.interval or fluid.time_step to {interval * most / passed:.3g} or less"
-            raise InputError(f"{one.key}.{'velocity' if one.table.by_velocity else 'flow'}", "...", limit, remedy)
+            raise InputError(one.key_of_amount, "...", limit, remedy)
 
 
 def _shape(one: WallOpening) -> str:
