@@ -27,8 +27,8 @@ class Opening(Section):
         region: the part of the wall that lies in it, with the keys of a region of the shapes "box", "cylinder" (3-D
             only) and "sphere". It moves with the wall, and must reach a cell beyond its surface to both sides. Default:
             the whole wall.
-        velocity: of an inlet: superficial velocity along the normal of the wall, into the fluid. Negative: suction
-            [m/s].
+        velocity: of an inlet: superficial velocity along the normal of the wall, into the fluid, relative to the wall.
+            Negative: suction [m/s].
         flow: of an inlet, in place of a velocity: what comes in by it in all, over the depth of the box in 2-D, on
             whatever mesh. Negative: suction [m3/s].
         ramp_time: time in which velocity or flow rises from zero. Default: 0.05 s for an inlet without `times`,
