@@ -14,8 +14,12 @@ import trimesh
 from jaxdem import InputError, build, initial_state, load_scene
 from jaxdem.check.check import check_scene
 from jaxdem.coupling.open_parts import face_points
+from jaxdem.coupling.openings import OpeningPlace
+from jaxdem.fluid.cut_cells import OpeningParts
 from jaxdem.fluid.grid import divergence
+from jaxdem.scene.openings import Opening as Table
 from jaxdem.setup.builder import build_case
+from jaxdem.setup.openings import WallOpening
 from tests.cases.steps import compiled_step
 from tests.cases.tiers import COMBINATION, tiered
 from tests.cases.walls_in_fluid import averaged, error_of
@@ -91,6 +95,29 @@ def test_the_flow_between_a_source_and_an_outlet_is_radial():
     assert coarse < 0.006 and fine < 0.6 * coarse
     off = [1.0 - annulus(n)[1].fluid.cut.openings[0].area / (2.0 * np.pi * INNER) for n in (16, 32)]
     assert 0.0 < off[0] < 0.012 and off[1] < 0.3 * off[0]
+
+
+def test_ramps_and_tables_in_time_are_those_of_the_scene():
+    """Q(t) = ramp(t) q(t), and v = Q/A, as the step and the check of the balance have it; between two times none is
+    faster than what the step goes by."""
+    wanted = {"times": [0.05, 0.1, 0.3], "ramp_time": 0.12}
+    amounts, area, times = np.array([0.01, 0.05, -0.02]), 0.3, np.linspace(0.0, 0.4, 41)
+    exact = np.clip(times / 0.12, 0.0, 1.0) * np.interp(times, wanted["times"], amounts)
+    for name, by in (("flows", 1.0), ("velocities", area)):
+        table = Table.model_validate({"kind": "inlet", name: list(amounts)} | wanted)
+        opening = WallOpening("", table, OpeningPlace(0, (0,)), area)
+        assert np.allclose([opening.flow(time) for time in times], by * exact, atol=1e-15)
+        part = OpeningParts(jnp.zeros(()), (), (), jnp.asarray(area))
+        now, most = jax.jit(
+            lambda times, opening=opening, part=part: jax.vmap(
+                lambda t: (
+                    opening.compiled.speed(part, jnp.asarray(amounts), t),
+                    opening.compiled.largest_speed(part, jnp.asarray(amounts), t, t + 0.1),
+                )
+            )(times)
+        )(jnp.asarray(times))
+        assert np.allclose(area * now, by * exact, atol=1e-15)
+        assert all(np.abs(now[k : k + 11]).max() < most[k] + 1e-15 for k in range(31))
 
 
 def test_volume_is_kept_to_rounding():
