@@ -42,6 +42,18 @@ def test_the_added_mass_is_that_of_the_column_and_holds_a_light_piston(monkeypat
     assert np.abs(found[:, 1]).max() > 100.0 * exact[-1, 1]
 
 
+def test_an_outlet_on_a_wall_does_not_hold_a_piston():
+    """It sets no pressure, so that the load on a plane would be off by any constant; on a whole body that cancels."""
+    given = before_column(0.01)
+    given["domain"]["size"], given["fluid"]["cells"] = [0.44, 0.2], [22, 10]
+    del given["boundary"]["right"]
+    end = {"kind": "plane", "point": [0.4, 0.0], "normal": [-1.0, 0.0], "fluid": "free_slip"}
+    given["walls"].append(end | {"opening": [{"kind": "outlet"}]})
+    assert "walls.0.piston" in (found := refusal(given)) and "walls.1.opening.0" in found
+    given["walls"][0] = facing(0.2, 2.0)
+    build(load_scene(given))
+
+
 @COMBINATION
 def test_the_added_mass_does_not_depend_on_the_number_of_fluid_steps():
     """Four in a coupling interval: the inertia of the water acts in the first one."""

@@ -23,7 +23,7 @@ from jaxdem.scene.openings import Opening as OpeningTable
 from jaxdem.setup.boundaries import BALANCED, imbalance, inflow_of_sides
 from jaxdem.setup.cut_cells import spaces_of
 from jaxdem.setup.fluid_surfaces import SeenSurface
-from jaxdem.setup.moving_fluid_walls import Look
+from jaxdem.setup.moving_fluid_walls import LARGEST_LEFT, Look
 from jaxdem.setup.regions import region_space
 
 SHARED = 1e-6
@@ -166,10 +166,10 @@ def check_balance(
 
 
 def check_at(scene: Scene, grid: Grid, boundary: Boundary, look: Look, openings: Sequence[WallOpening]) -> None:
-    """Refuses walls that cover an opening, or shut it off, at a time of the run.
+    """Refuses walls that cover an opening, or shut it off, at a time of the run, and pistons that openings do not hold.
 
     Raises:
-        InputError: naming the opening and the time.
+        InputError: naming the opening and the time, or the piston.
     """
     for one, part in zip(openings, look.cut.openings or (), strict=True):
         if float(part.area) <= 0.0:
@@ -177,6 +177,19 @@ def check_at(scene: Scene, grid: Grid, boundary: Boundary, look: Look, openings:
             raise InputError(f"{one.key}.region", _shape(one), limit, "move the opening, or change the way of the wall")
     if openings:
         _check_spaces(scene, grid, boundary, look.cut, openings)
+        if not boundary.has_outlet:
+            _check_pistons(scene, look.cut, openings[0].key)
+
+
+def _check_pistons(scene: Scene, cut: CutCells, opening: str) -> None:
+    """Refuses pistons whose load depends on the level of the pressure, where no side of the box sets it: those that
+    sweep more than they leave behind."""
+    pistons = [k for k, wall in enumerate(scene.walls) if wall.piston is not None and wall.seen_by_fluid]
+    for k, unit in zip(pistons, cut.unit_swept or (), strict=True):
+        if abs(float(np.sum(unit))) > LARGEST_LEFT * float(np.sum(np.abs(unit))):
+            limit = f"is held by the pressure, the level of which neither {opening} nor a side of the box sets"
+            remedy = 'make a side of kind "outlet", and the outlet on the wall an inlet with a negative flow'
+            raise InputError(f"walls.{k}.piston", "...", limit, remedy)
 
 
 def _check_spaces(scene: Scene, grid: Grid, boundary: Boundary, cut: CutCells, openings: Sequence[WallOpening]) -> None:
