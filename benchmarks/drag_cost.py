@@ -79,8 +79,8 @@ def invariant_closure(
 ) -> InvariantClosure:
     """A closure with random weights; as it starts, its last layer is zero."""
     closure = InvariantClosure.initial(hidden=hidden, terms=terms)
-    layers = (len(FEATURES), *closure.hidden, 1 + len(terms))
-    return dataclasses.replace(closure, weights=initial_weights(layers, closure.activation, seed))
+    weights = initial_weights(len(FEATURES), closure.hidden, 1 + len(terms), closure.activation, seed)
+    return dataclasses.replace(closure, weights=weights)
 
 
 def widths(hidden: tuple[int, ...]) -> str:

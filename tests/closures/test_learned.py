@@ -115,7 +115,8 @@ def test_weights_are_those_of_a_flax_network(activation):
 
 def test_a_flax_network_has_its_layers_in_order_beyond_the_tenth():
     widths = (2, *range(3, 15))
-    closure = SimpleNamespace(weights=initial_weights(widths, "elu", seed=0), activation="elu")
+    weights = initial_weights(widths[0], widths[1:-1], widths[-1], "elu", seed=0)
+    closure = SimpleNamespace(weights=weights, activation="elu")
     assert flax_module(closure)[0].widths == widths[1:]
 
 
