@@ -3,7 +3,8 @@
 XLA runs a program on a processor as a graph: what does not depend on each other goes on at once. Messages of one level
 of the program are started in their order, but a loop or a branch counts as started when its first part is: a message
 behind it may overtake those within it on one device and not on another, and both wait for ever. Here such a message
-depends on what the loop gives, and the loop on what is before it, as a value that XLA cannot know to be without effect.
+depends on what the loop gives, and the loop on what is before it, through a value that XLA cannot know to have no
+effect.
 Results are the same bit for bit.
 """
 
@@ -25,7 +26,7 @@ MESSAGES = frozenset({"psum", "pmax", "pmin", "ppermute", "all_gather", "all_to_
 CALLS = frozenset({"jit", "closed_call"})
 """Names of primitives that are nothing but what they call."""
 
-BLOCKS = {"while": ("cond_jaxpr", "body_jaxpr"), "scan": ("jaxpr",), "cond": ("branches",)}
+CONTROL_FLOW = {"while": ("cond_jaxpr", "body_jaxpr"), "scan": ("jaxpr",), "cond": ("branches",)}
 """Names of primitives that run others as one part of the graph, and of their parameters."""
 
 SOLVE = "custom_linear_solve"
@@ -53,21 +54,21 @@ class _Order:
     """What the next message has to wait for: flags, () bool, that are False and that XLA cannot know to be."""
 
     def __init__(self) -> None:
-        self._block: Array | None = None
+        self._control_flow: Array | None = None
         self._since: list[Array] = []
 
     def before_message(self) -> Array | None:
-        return self._block
+        return self._control_flow
 
-    def before_block(self) -> Array | None:
-        flags = self._since if self._block is None else [self._block, *self._since]
+    def before_control_flow(self) -> Array | None:
+        flags = self._since if self._control_flow is None else [self._control_flow, *self._since]
         return jnp.any(jnp.stack(flags)) if flags else None
 
     def sent(self, value: Array) -> None:
         self._since.append(_flag(value))
 
     def left(self, value: Array) -> None:
-        self._block, self._since = _flag(value), []
+        self._control_flow, self._since = _flag(value), []
 
 
 def _run(jaxpr: Jaxpr, consts: Sequence[Any], arguments: Sequence[Any], order: _Order | None = None) -> list[Any]:
@@ -97,9 +98,9 @@ def _equation(equation: JaxprEqn, given: list[Any], order: _Order) -> list[Any]:
         found = _bound(equation, given, parameters)
         order.sent(found[0])
         return found
-    if name not in BLOCKS and name != SOLVE:
+    if name not in CONTROL_FLOW and name != SOLVE:
         return _bound(equation, given, parameters)
-    flag = order.before_block()
+    flag = order.before_control_flow()
     for number in _entries(equation):
         given[number] = _tied(given[number], flag)
     found = _bound(equation, given, parameters | _ordered_parts(equation))
@@ -150,7 +151,7 @@ def _has_messages(jaxpr: Jaxpr) -> bool:
 
 
 _seen: WeakKeyDictionary[Jaxpr, bool] = WeakKeyDictionary()
-"""Which have messages: those of blocks within blocks are asked once for each."""
+"""Which have messages: those of loops within loops are asked once for each."""
 
 
 def _open(part: ClosedJaxpr | Jaxpr) -> Jaxpr:
@@ -158,12 +159,12 @@ def _open(part: ClosedJaxpr | Jaxpr) -> Jaxpr:
 
 
 def _ordered_parts(equation: JaxprEqn) -> dict[str, Any]:
-    """Parameters of a block whose own messages follow each other."""
+    """Parameters of a loop, branch or solve whose own messages follow each other."""
     if equation.primitive.name == SOLVE:
         jaxprs = equation.params["jaxprs"]
         return {"jaxprs": jaxprs._replace(solve=_ordered(jaxprs.solve))}
     found: dict[str, Any] = {}
-    for name in BLOCKS[equation.primitive.name]:
+    for name in CONTROL_FLOW[equation.primitive.name]:
         parameter = equation.params[name]
         found[name] = tuple(map(_ordered, parameter)) if isinstance(parameter, tuple) else _ordered(parameter)
     return found
@@ -177,8 +178,11 @@ def _ordered(closed: ClosedJaxpr) -> ClosedJaxpr:
 
 
 def _entries(equation: JaxprEqn) -> list[int]:
-    """Which operands a block cannot do without: the number of a branch; of a loop the smallest that a message in it
-    needs; all of a solve, whose messages are run as if they stood outside."""
+    """Which operands a loop, branch or solve cannot do without.
+
+    Of a branch its number; of a loop the smallest that a message in it needs; all of a solve, whose messages are run as
+    if they stood outside.
+    """
     name, parameters = equation.primitive.name, equation.params
     if name == "cond":
         return [0]
@@ -195,7 +199,7 @@ def _entries(equation: JaxprEqn) -> list[int]:
 
 
 def _exit(equation: JaxprEqn) -> int:
-    """Which result of a block is only there when its messages have been sent: the smallest that one of them changes."""
+    """Which result of a loop, branch or solve needs its messages: the smallest that one of them changes."""
     if equation.primitive.name == SOLVE:
         return 0
     changed = [False] * len(equation.outvars)
