@@ -14,7 +14,7 @@ from jax import Array
 from jaxdem.fluid.grid import CellOrOne, FaceField, Grid, along
 from jaxdem.fluid.inlet import InletProfile
 from jaxdem.fluid.mesh import Ends, at_side, beyond, layers, of_slab, with_ends
-from jaxdem.fluid.side_conditions import CONDITIONS, Inlet, SideCondition
+from jaxdem.fluid.side_conditions import CONDITIONS, Inlet, Outlet, SideCondition
 from jaxdem.numerics.static import static
 from jaxdem.numerics.tables import at_time, largest_between
 
@@ -50,6 +50,11 @@ class Side:
         """What the fluid does here."""
         return CONDITIONS[self.kind] if self.own is None else self.own
 
+    @property
+    def is_passable(self) -> bool:
+        """Whether fluid may pass it; a condition of the user's may let it."""
+        return self.own is not None or isinstance(self.condition, Inlet | Outlet)
+
 
 @static
 class Boundary:
@@ -60,6 +65,11 @@ class Boundary:
     def side(self, axis: int, upper: bool) -> Side:
         """The side at one end of an axis."""
         return self.sides[2 * axis + upper]
+
+    @property
+    def passable(self) -> tuple[int, ...]:
+        """Numbers of the sides that fluid may pass."""
+        return tuple(number for number, side in enumerate(self.sides) if side.is_passable)
 
     @property
     def has_outlet(self) -> bool:

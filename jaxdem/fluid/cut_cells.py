@@ -82,6 +82,7 @@ class CutCells(NamedTuple):
         openings: inlets and outlets on the surfaces; None without.
         supply: volume that comes in through them over that of a whole cell, within a step; None without [1/s].
         brought: velocity that it brings to every face, within a step; None without [m/s2].
+        speeds: () of each at which fluid comes in there, within a step; None without [m/s].
     """
 
     open_faces: FaceField
@@ -103,6 +104,7 @@ class CutCells(NamedTuple):
     openings: tuple[OpeningParts, ...] | None = None
     supply: Array | None = None
     brought: FaceField | None = None
+    speeds: tuple[Array, ...] | None = None
 
     @property
     def inertia(self) -> FaceField:

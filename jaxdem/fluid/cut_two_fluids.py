@@ -43,6 +43,7 @@ from jaxdem.fluid.cut_stress import seen_stress
 from jaxdem.fluid.fluid_state import FluidProperties, FluidState, FluidStep, ParticleFields
 from jaxdem.fluid.grid import CellOrOne, FaceField, face_average, face_control_volume, sum_of_fields
 from jaxdem.fluid.momentum_step import or_one
+from jaxdem.fluid.passages import passages
 from jaxdem.fluid.projection import product
 from jaxdem.fluid.second_fluid import SecondFluid, fluidity, inflow_of_sides, mass_flux, mixture_density, through_sides
 from jaxdem.fluid.step_loads import StepLoads
@@ -130,7 +131,8 @@ class CutTwoFluidSolver(TwoFluidSolver):
             None if particles is None else particles.exchange, time_step,
         )  # fmt: skip
         seen, load = self._on_surfaces(cut, loads, gained, stress, particles)
-        return FluidStep(fluid, seen, report, remaining, surface_load=load)
+        passed = passages(grid, self.boundary, flux, liquid=liquid_flux)
+        return FluidStep(fluid, seen, report, remaining, surface_load=load, passed=passed)
 
     def resting_pressure(self, properties: FluidProperties, state: FluidState) -> Array:
         """See `TwoFluidSolver.resting_pressure`."""

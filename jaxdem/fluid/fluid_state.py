@@ -146,6 +146,8 @@ class FluidStep(NamedTuple):
         flux: volume flux g u at the end, which satisfies continuity over the step; None unless the solver keeps it
             [m/s].
         response: of the loads to the speeds of pistons in the fluid; None without.
+        passed: (B, 2) or (B, 4) volume per time that comes in and that leaves, see `passages`; None where nothing may
+            pass [m3/s].
     """
 
     state: FluidState
@@ -156,3 +158,4 @@ class FluidStep(NamedTuple):
     surface_load: Array | None = None
     flux: FaceField | None = None
     response: SurfaceResponse | None = None
+    passed: Array | None = None

@@ -25,7 +25,7 @@ from jaxdem.fluid.openings import Openings
 from jaxdem.fluid.surface_response import SurfaceResponse
 from jaxdem.fluid.volume_of_fluid import surface_courant
 from jaxdem.numerics.batches import cond_in_batch
-from jaxdem.numerics.blocks import Blocks, any_of, largest
+from jaxdem.numerics.blocks import Blocks, any_of, largest, total
 from jaxdem.numerics.static import static
 
 SUBSTEPS = (1, 2, 4, 8)
@@ -66,6 +66,8 @@ class FluidDiagnostics(NamedTuple):
         dissolved: scalars that they have carried; None without.
         response: of the loads to the speeds of pistons, mean over the steps; None without pistons in the fluid.
         cut: the mesh of the interval, for scalars between walls that change their place; None without these.
+        passed: (B, 2) or (B, 4) mean volume per time that comes in and that leaves, see `passages`; None where nothing
+            may pass [m3/s].
     """
 
     substeps: Array
@@ -83,6 +85,7 @@ class FluidDiagnostics(NamedTuple):
     dissolved: tuple[CarriedScalar, ...] | None = None
     response: SurfaceResponse | None = None
     cut: CutCells | None = None
+    passed: Array | None = None
 
 
 class Substeps(NamedTuple):
@@ -122,6 +125,7 @@ class StepSums(NamedTuple):
         surface_load: see `FluidStep`; None without surfaces.
         flux: see `FluidStep`; None where it is not kept.
         response: see `FluidStep`; None without pistons in the fluid.
+        passed: see `FluidStep`; None where nothing may pass.
     """
 
     side_load: Array | None
@@ -129,10 +133,11 @@ class StepSums(NamedTuple):
     surface_load: Array | None = None
     flux: FaceField | None = None
     response: SurfaceResponse | None = None
+    passed: Array | None = None
 
     def plus(self, result: FluidStep) -> StepSums:
         """With one step more."""
-        load, gradient, on_surfaces, flux, response = self
+        load, gradient, on_surfaces, flux, response, passed = self
         load = None if load is None or result.side_load is None else load + result.side_load
         added = result.state.mean_gradient
         if on_surfaces is not None and result.surface_load is not None:
@@ -142,7 +147,8 @@ class StepSums(NamedTuple):
         if response is not None and result.response is not None:
             response = jax.tree.map(jnp.add, response, result.response)
         gradient = None if gradient is None or added is None else gradient + added
-        return StepSums(load, gradient, on_surfaces, flux, response)
+        passed = None if passed is None or result.passed is None else passed + result.passed
+        return StepSums(load, gradient, on_surfaces, flux, response, passed)
 
 
 @static
@@ -196,7 +202,9 @@ class FluidInterval:
         if pistons is not None:
             blank, gap = jnp.zeros((count, size), dtype), jnp.zeros((len(pistons), count), dtype)
             response = SurfaceResponse(jnp.stack([blank] * len(pistons)), blank, blank, gap)
-        return StepSums(load, gradient, on_surfaces, flux, response)
+        kinds = 2 if state.liquid_fraction is None else 4
+        passed = jnp.zeros((self.solver.passable, kinds), dtype) if self.solver.passable else None
+        return StepSums(load, gradient, on_surfaces, flux, response, passed)
 
     def choose(self, properties: FluidProperties, state: FluidState, time: Array) -> Substeps:
         """The fluid steps that Courant and viscosity number ask for, at least `substeps` of them."""
@@ -292,7 +300,8 @@ def diagnostics(
 ) -> FluidDiagnostics:
     """Figures of an interval that ends with `state`."""
     finite = [jnp.all(jnp.isfinite(field)) for field in (*state.face_velocity, state.pressure)]
-    load, gradient, on_surfaces, flux, response = jax.tree.map(lambda total: total / substeps.number, sums)
+    means = jax.tree.map(lambda sum_: sum_ / substeps.number, sums)
+    load, gradient, on_surfaces, flux, response, passed = means
     if gradient is not None:  # of the pressure itself, with the weight that the reduced one leaves out
         gradient = gradient + properties.density * required(properties.gravity, "gravity of the fluid")
     sound = jnp.all(jnp.asarray(finite))
@@ -300,5 +309,6 @@ def diagnostics(
         sound = ~any_of(grid.blocks, ~sound)
     courant, viscous = substeps.courant, substeps.viscous
     return FluidDiagnostics(
-        substeps.number, courant, viscous, *record, sound, load, gradient, on_surfaces, flux, response=response
+        substeps.number, courant, viscous, *record, sound, load, gradient, on_surfaces, flux, response=response,
+        passed=None if passed is None else total(grid.blocks, passed),
     )  # fmt: skip

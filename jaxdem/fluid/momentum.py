@@ -41,6 +41,7 @@ from jaxdem.fluid.grid import (
 from jaxdem.fluid.momentum_rates import MomentumRates, Rates
 from jaxdem.fluid.momentum_step import MomentumStep, or_one
 from jaxdem.fluid.openings import Opening, Openings
+from jaxdem.fluid.passages import passages
 from jaxdem.fluid.projection import Continuity, open_section, pressure_slope, product
 from jaxdem.fluid.side_forces import pressure_on_sides
 from jaxdem.fluid.step_loads import StepLoads
@@ -82,6 +83,11 @@ class FluidSolver:
     openings: tuple[Opening, ...] = ()
 
     @property
+    def passable(self) -> int:
+        """Number of boundaries that fluid may pass, see `passages`."""
+        return len(self.boundary.passable) + len(self.openings)
+
+    @property
     def shares_stress(self) -> bool:
         """Whether particles take their volume's share of pressure gradient and stress (model A)."""
         return self.model == "A"
@@ -119,8 +125,11 @@ class FluidSolver:
         fluid = FluidState(velocity, pressure, begun.void_fraction, mean_gradient)
         if state.pressure_change is not None:
             fluid = fluid._replace(pressure_change=pressure - state.pressure)
-        flux = product(begun.open_new, velocity) if self.keeps_flux else None
-        result = FluidStep(fluid, mean.stress, report, remaining, flux=flux)
+        result = FluidStep(fluid, mean.stress, report, remaining)
+        if self.keeps_flux or self.passable:
+            flux = product(begun.open_new, velocity)
+            passed = passages(grid, self.boundary, flux, cut)
+            result = result._replace(flux=flux if self.keeps_flux else None, passed=passed)
         exchange = None if particles is None else particles.exchange
         loads = StepLoads(
             grid, self.boundary, self.shares_stress, properties, fluid, begun.weight, exchange, time_step

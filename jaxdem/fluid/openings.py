@@ -128,7 +128,7 @@ class Openings(NamedTuple):
             brought = sum_of_fields(brought, tuple(push))
             own = (v * share / g for share, g in zip(part.velocity, void_fraction, strict=True))
             velocity = sum_of_fields(velocity, tuple(own))
-        return cut._replace(velocity=velocity, supply=supply, brought=brought)
+        return cut._replace(velocity=velocity, supply=supply, brought=brought, speeds=tuple(speeds))
 
     def rates(
         self, cut: CutCells, values: Sequence[Array], times: tuple[Array, Array], void_fraction: CellOrOne

@@ -35,6 +35,7 @@ from jaxdem.fluid.grid import CellOrOne, FaceField, box_mean, face_average, face
 from jaxdem.fluid.local_stress import largest_diffusivity, local_stress
 from jaxdem.fluid.momentum import FluidSolver
 from jaxdem.fluid.momentum_step import or_one
+from jaxdem.fluid.passages import passages
 from jaxdem.fluid.pressure import pressure_gradient
 from jaxdem.fluid.projection import Continuity, product
 from jaxdem.fluid.second_fluid import (
@@ -136,7 +137,9 @@ class TwoFluidSolver(FluidSolver):
         fluid = fluid._replace(liquid_fraction=fraction, liquid_supplied=supplied)
         # Particles take it times the density of the liquid.
         seen = tuple(s / properties.density for s in stress)
-        return FluidStep(fluid, seen, report, remaining, flux=flux if self.keeps_flux else None)
+        passed = passages(grid, self.boundary, flux, liquid=liquid_flux)
+        told = flux if self.keeps_flux else None
+        return FluidStep(fluid, seen, report, remaining, flux=told, passed=passed)
 
     def resting_pressure(self, properties: FluidProperties, state: FluidState) -> Array:
         """Reduced pressure that balances weight and tension where a state is at rest [Pa]."""

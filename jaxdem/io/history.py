@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from jaxdem.files.reading import TABLE_BYTES, read_bytes
 from jaxdem.io.lines import LineFile, read_columns
 from jaxdem.io.part_columns import is_of_a_part
 from jaxdem.metrics import HISTORY_COLUMNS
@@ -15,10 +16,14 @@ _HEADER = ",".join(HISTORY_COLUMNS)
 
 
 class History(LineFile):
-    """Writer of a `history.csv`, with further columns if asked; see `LineFile`."""
+    """Writer of a `history.csv`, with further columns if asked; see `LineFile`.
+
+    A file that a version of jaxdem before has begun, which had not all of these, keeps the columns that it has.
+    """
 
     def __init__(self, path: Path, extra: tuple[str, ...] = ()):
-        super().__init__(path, HISTORY_COLUMNS + extra)
+        self._known = HISTORY_COLUMNS + extra
+        super().__init__(path, _begun_with(path, self._known))
 
     def append(self, row: Mapping[str, float | None]) -> None:
         """Add a line and put it on disk; columns that `row` lacks, None and NaN are left empty.
@@ -27,7 +32,7 @@ class History(LineFile):
             ValueError: `row` has a key that is no column, or no time.
             OSError: the disk refused; the file is then as it was.
         """
-        unknown = set(row) - set(self.columns)
+        unknown = set(row) - set(self._known)
         if unknown or row.get("time") is None:
             raise ValueError(f"a row of the history needs a time and has no columns {sorted(unknown)}")
         self.append_rows([[row.get(name) for name in self.columns]])
@@ -37,7 +42,8 @@ class CountedHistory(History):
     """In the place of a `History` for a process that another one writes it for: lines are counted, none is written."""
 
     def __init__(self, path: Path, extra: tuple[str, ...] = ()):
-        self.path, self.columns = path, HISTORY_COLUMNS + extra
+        self._known = HISTORY_COLUMNS + extra
+        self.path, self.columns = path, _begun_with(path, self._known)
         self.rows = len(read_history(path)["time"]) if path.exists() else 0
 
     def append(self, row: Mapping[str, float | None]) -> None:
@@ -47,6 +53,16 @@ class CountedHistory(History):
     def cut(self, rows: int) -> None:
         """See `LineFile`."""
         self.rows = min(self.rows, rows)
+
+
+def _begun_with(path: Path, columns: tuple[str, ...]) -> tuple[str, ...]:
+    """Those of the columns that a file has already; all of them where there is no history."""
+    try:
+        header = read_bytes(path, TABLE_BYTES).decode(errors="replace").partition("\n")[0].strip().split(",")
+    except OSError:  # none, or one that cannot be read, which its writer says
+        return columns
+    found = tuple(name for name in columns if name in header)
+    return found if set(HISTORY_COLUMNS) <= set(found) else columns
 
 
 def read_history(path: str | Path) -> dict[str, np.ndarray]:

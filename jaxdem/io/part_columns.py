@@ -12,6 +12,13 @@ Tables = Mapping[str, Any]
 """A scene as nested dicts."""
 
 
+SIDES = ("left", "right", "front", "back", "bottom", "top")
+"""Of the box, in the order of their columns."""
+
+PASSING = ("inflow", "outflow", "liquid_inflow", "liquid_outflow")
+"""Beginnings of the columns of a boundary that fluid may pass."""
+
+
 class PartColumns(NamedTuple):
     """The columns of a part.
 
@@ -42,6 +49,16 @@ def _temperatures(scene: Tables) -> list[str]:
 def _along(scene: Tables) -> list[str]:
     names = ("pressure_gradient", "bulk_velocity")
     return [f"{name}_{axis}" for name in names for axis in driven_axes(scene)]
+
+
+def _passages(scene: Tables) -> list[str]:
+    """What comes in and leaves, of every boundary that fluid may pass."""
+    sides, walls = scene.get("boundary", {}), scene.get("walls", [])
+    names = [name for name in SIDES if sides.get(name, {}).get("kind") in ("inlet", "outlet")]
+    openings = ((n, k) for n, wall in enumerate(walls) for k, _ in enumerate(wall.get("opening", [])))
+    names += [f"wall_{n}_opening_{k}" for n, k in openings]
+    kinds = PASSING[: 4 if "surface" in scene else 2]
+    return [f"{kind}_{name}" for name in names for kind in kinds] if "fluid" in scene else []
 
 
 PARTS: tuple[PartColumns, ...] = (
@@ -92,6 +109,13 @@ PARTS: tuple[PartColumns, ...] = (
         lambda scene: ("liquid_volume", "liquid_centre_height") if "surface" in scene else (),
         "volume of the liquid and height of its centre, of two fluids",
         {"liquid_volume": "m3", "": "m"},
+    ),
+    PartColumns(
+        rf"({'|'.join(PASSING)})_({'|'.join(SIDES)}|wall_\d+_opening_\d+)",
+        _passages,
+        "volume per time that comes in and that leaves through every inlet, outlet and opening, mean since the last "
+        "output; of two fluids also that of the liquid",
+        {"": "m3/s"},
     ),
 )
 """In the order of their columns."""

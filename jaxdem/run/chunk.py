@@ -40,7 +40,8 @@ class Records(NamedTuple):
 
     Attributes:
         collision_force, fastest, builds, waiting: see `ParticleDiagnostics`.
-        substeps, courant, iterations, divergence, pressure_gradient, surface_load: see `FluidDiagnostics`.
+        substeps, courant, iterations, divergence, pressure_gradient, surface_load, passed: see
+            `FluidDiagnostics`.
         momentum, volume, out_of_range: see `ExchangeDiagnostics`.
         energy: of `ParticleDiagnostics`, (CHUNK,) each.
     """
@@ -55,6 +56,7 @@ class Records(NamedTuple):
     divergence: Array | None = None
     pressure_gradient: Array | None = None
     surface_load: Array | None = None
+    passed: Array | None = None
     momentum: Array | None = None
     volume: Array | None = None
     out_of_range: Array | None = None

@@ -12,6 +12,7 @@ from jaxdem.devices import DividedSimulation
 from jaxdem.particles.integrate import ParticleState
 from jaxdem.particles.neighbors import Neighbors
 from jaxdem.particles.regions import into_period
+from jaxdem.setup.builder import Case
 from jaxdem.simulation import Simulation
 from jaxdem.state import State
 
@@ -49,6 +50,13 @@ class Instant:
     forces: FluidForces | None
     identity: Array | None = None
     slabs: InSlabs | None = None
+
+
+def open_cells(case: Case, instant: Instant) -> np.ndarray | None:
+    """Open part of every cell of the fluid, where walls are at an instant [-]; None without walls that it sees."""
+    pistons = None if instant.state.particles is None else instant.state.particles.pistons
+    ways = None if pistons is None else np.asarray(pistons.displacement, np.float64).tolist()
+    return case.fluid_walls.open_cells(case.scene, instant.time, ways)
 
 
 def wrapped_position(simulation: Simulation, particles: ParticleState) -> np.ndarray:

@@ -12,7 +12,7 @@ from jaxdem.closures.ensemble import EnsembleClosure
 from jaxdem.coupling.exchange_result import FluidForces
 from jaxdem.errors import required
 from jaxdem.fluid.grid import cell_average
-from jaxdem.run.instant import Instant, wrapped_position
+from jaxdem.run.instant import Instant, open_cells, wrapped_position
 from jaxdem.run.parts import PARTS
 from jaxdem.run.parts.clumps import inertia_of
 from jaxdem.run.totals import Means
@@ -75,11 +75,9 @@ def history_of(case: Case, instant: Instant, frame: Frame, means: Means) -> dict
             collision = collision / float(bodies.parcels.grains)
     if fluid is not None:
         arrays |= {"fluid_pressure": fluid["pressure"], "fluid_velocity": fluid["velocity"]}
-        pistons = None if instant.state.particles is None else instant.state.particles.pistons
-        ways = None if pistons is None else np.asarray(pistons.displacement, np.float64).tolist()
-        open_cells = case.fluid_walls.open_cells(case.scene, instant.time, ways)
-        if open_cells is not None:  # cells that are more open than solid
-            is_open = open_cells >= 0.5
+        room = open_cells(case, instant)
+        if room is not None:  # cells that are more open than solid
+            is_open = room >= 0.5
             arrays |= {name: arrays[name][is_open] for name in ("fluid_pressure", "fluid_velocity")}
     known = metrics.Quantities(collision_force=None if particles is None else collision, **arrays)
     row = metrics.history_row(instant.time, known)

@@ -41,10 +41,13 @@ class Means(NamedTuple):
         collision_force: see `ParticleDiagnostics`; zero before the first interval [N].
         pressure_gradient: (D,) along periodic axes [Pa/m]; None before the first interval, and where nothing drives the
             fluid.
+        passed: (2 B,) or (4 B,) see `FluidDiagnostics`, flat; zero before the first interval; None where nothing may
+            pass [m3/s].
     """
 
     collision_force: float
     pressure_gradient: np.ndarray | None
+    passed: np.ndarray | None
 
 
 @dataclasses.dataclass
@@ -53,6 +56,9 @@ class Totals:
 
     Attributes:
         at_start: by its name what each part of the scene compares the end with, see `jaxdem.run.parts.part`.
+        passed, passed_before: see `Means`, summed over the intervals of the run, and up to the last output; empty
+            before the first interval, and where nothing may pass [m3/s].
+        passed_intervals: number of intervals since the last output, counted there.
     """
 
     start: float = 0.0
@@ -65,6 +71,9 @@ class Totals:
     gradient: tuple[float, ...] = ()
     gradient_intervals: int = 0
     surface_force: tuple[float, ...] = ()
+    passed: tuple[float, ...] = ()
+    passed_before: tuple[float, ...] = ()
+    passed_intervals: int = 0
     energy: tuple[float, ...] = ()
     out_of_range: float = 0.0
     spread: float = 0.0
@@ -108,23 +117,16 @@ class Totals:
             self.collision_intervals += count
             self.builds = int(told["builds"][-1])
         if records.pressure_gradient is not None:
-            rows = told["pressure_gradient"].astype(float)
-            before = np.asarray(self.gradient) if self.gradient_intervals else np.zeros(rows.shape[1])
-            for row in rows:  # one after the other: the sum is the same however the intervals are cut into chunks
-                before = before + row
-            self.gradient, self.gradient_intervals = tuple(before.tolist()), self.gradient_intervals + count
+            self.gradient = _summed(self.gradient, told["pressure_gradient"])
+            self.gradient_intervals += count
         if records.surface_load is not None:
-            forces = told["surface_load"][..., 0].astype(float)
-            so_far = np.asarray(self.surface_force) if self.surface_force else np.zeros(forces[0].size)
-            for row in forces:
-                so_far = so_far + np.ravel(row)
-            self.surface_force = tuple(so_far.tolist())
+            self.surface_force = _summed(self.surface_force, told["surface_load"][..., 0])
+        if records.passed is not None:
+            self.passed = _summed(self.passed, told["passed"])
+            self.passed_intervals += count
         if records.energy is not None:
-            rows = np.stack([np.asarray(part)[:count] for part in records.energy], axis=1).astype(float)
-            flow = np.asarray(self.energy) if self.energy else np.zeros(rows.shape[1])
-            for row in rows:
-                flow = flow + row
-            self.energy = tuple(flow.tolist())
+            rows = np.stack([np.asarray(part)[:count] for part in records.energy], axis=1)
+            self.energy = _summed(self.energy, rows)
         if records.waiting is not None:
             self.waiting = int(told["waiting"][-1])
             self.waiting_most = max(self.waiting_most, int(told["waiting"].max()))
@@ -150,7 +152,12 @@ class Totals:
         gradient = np.asarray(self.gradient) / self.gradient_intervals if self.gradient_intervals else None
         self.collision, self.collision_intervals = 0.0, 0
         self.gradient, self.gradient_intervals = (), 0
-        return Means(collision, gradient)
+        passed = None
+        if self.passed_intervals:
+            before = np.asarray(self.passed_before) if self.passed_before else 0.0
+            passed = (np.asarray(self.passed) - before) / self.passed_intervals
+        self.passed_before, self.passed_intervals = self.passed, 0
+        return Means(collision, gradient, passed)
 
     def elapsed(self) -> float:
         """Wall time of the run, that of the runs before a restart included [s]."""
@@ -177,13 +184,15 @@ class Totals:
         Args:
             values: from a checkpoint.
             walls_in_fluid: whether the fluid sees walls; without them an older checkpoint need not have their force.
-                It has no energies either: of the start these stay unknown.
+                It has no energies either: of the start these stay unknown. Nor has it what passed, which counts from
+                the start or not at all.
 
         Raises:
             InputError: one is missing.
         """
         missing = ("energy",) if walls_in_fluid else ("energy", "surface_force")
-        values = {name: np.zeros(0) for name in missing} | dict(values)
+        missing = ("passed", "passed_before", *missing)
+        values = {name: np.zeros(0) for name in missing} | {"passed_intervals": np.zeros(())} | dict(values)
         for field in dataclasses.fields(self):
             if field.name not in NOT_KEPT:
                 setattr(self, field.name, type(getattr(self, field.name))(stored(values, field.name)))
@@ -192,3 +201,13 @@ class Totals:
         of_parts = {name.removesuffix(AT_START): value for name, value in values.items() if name.endswith(AT_START)}
         self.at_start = {part: tuple(v.tolist()) if np.ndim(v) else float(v) for part, v in of_parts.items()}
         self.stages = {name: float(stored(values, f"stage_{name}")) for name in self.stages}
+
+
+def _summed(so_far: tuple[float, ...], rows: np.ndarray) -> tuple[float, ...]:
+    """The sums (S,) with those of some intervals (T, ...) more, one after the other: they are the same however the
+    intervals are cut into chunks."""
+    rows = np.reshape(rows, (len(rows), -1)).astype(float)
+    found = np.asarray(so_far) if so_far else np.zeros(rows.shape[1])
+    for row in rows:
+        found = found + row
+    return tuple(found.tolist())

@@ -95,3 +95,23 @@ def test_its_closure_is_read():
     """The closure of the scenes has been there since before: seven inputs, eight hidden units."""
     closure, _ = load_closure(ROOT / "scenes" / "filtered.closure.h5")
     assert (len(closure.features), closure.hidden) == (7, (8,)) and np.all(closure.feature_scale > 0.0)
+
+
+def test_a_run_that_was_begun_without_a_column_goes_on_without_it(tmp_path):
+    """Of an outlet it had neither flows nor their sums; it does not tell a part of them for all."""
+    tables = GRAIN | {
+        "boundary": {"top": {"kind": "outlet"}},
+        "fluid": {"cells": [4, 4], "density": 1.0, "viscosity": 1e-3},
+    }
+    tables = {name: table for name, table in tables.items() if name not in ("particles", "contact")}
+    run = simulate(load_scene(tables), tmp_path)
+    assert run.summary["fluid_volume"]["missing"] == pytest.approx(0.0, abs=1e-9)
+    file = tmp_path / "history.csv"
+    file.write_text("".join(",".join(line.split(",")[:-2]) + "\n" for line in file.read_text().splitlines()))
+    arrays, attributes = read_checkpoint(tmp_path / "checkpoint.h5")
+    kept = {name: value for name, value in arrays.items() if "passed" not in name and "fluid_volume" not in name}
+    assert len(kept) == len(arrays) - 4
+    write_checkpoint(tmp_path / "checkpoint.h5", kept, attributes)
+    longer = simulate(load_scene(tables, {"time.end": 0.04}), tmp_path, resume=True)
+    assert len(longer.history["time"]) == 5 and not any("flow" in name for name in longer.history)
+    assert "fluid_volume" not in longer.summary

@@ -8,6 +8,7 @@ from jaxdem.run.parts.energy import Energy
 from jaxdem.run.parts.fluid_forces import FluidForcesOnParticles
 from jaxdem.run.parts.liquid import Liquid
 from jaxdem.run.parts.part import Part
+from jaxdem.run.parts.passages import Passages
 from jaxdem.run.parts.population import Population
 from jaxdem.run.parts.scalars import Contents, Temperatures
 from jaxdem.run.parts.two_fluids import TwoFluids
@@ -25,6 +26,7 @@ PARTS: tuple[Part, ...] = (
     Contents(),
     Temperatures(),
     TwoFluids(),
+    Passages(),
     RunBefore(),
     Drive(),
     Pistons(),
