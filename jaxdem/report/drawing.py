@@ -60,8 +60,9 @@ def draw(
         axis.contour(x, z, picture.liquid.T, levels=[0.5], colors=SURFACE, linewidths=1.0, zorder=0.4)
     if picture.walls is not None:
         _draw_walls(axis, picture.walls, box)
-    outlines = [_outline(opening) for opening in picture.openings]
-    colours = [OPENINGS[opening.kind] for opening in picture.openings]
+    of_walls = () if picture.walls is None else picture.walls.openings
+    outlines = [*map(_outline, picture.openings), *(line for _, line in of_walls)]
+    colours = [OPENINGS[kind] for kind in picture.kinds_of_openings]
     axis.add_collection(LineCollection(outlines, colors=colours, linewidths=3.0, clip_on=False, zorder=2.6))
     discs = EllipseCollection(
         2.0 * picture.radius, 2.0 * picture.radius, np.zeros_like(picture.radius), units="xy", offsets=picture.centres,
@@ -108,7 +109,7 @@ def add_legends(
             )  # fmt: skip
             bar.ax.ticklabel_format(axis="x", scilimits=(-3, 4), useMathText=True)
             bar.ax.locator_params(axis="x", nbins=max(3, int(1.5 * min(inches, 7.0))))
-    kinds = {opening.kind for picture in shown for opening in picture.openings}
+    kinds = {kind for picture in shown for kind in picture.kinds_of_openings}
     handles = [Line2D([], [], color=OPENINGS[kind], linewidth=3.0, label=kind) for kind in OPENINGS if kind in kinds]
     for picture in shown:
         if picture.forces is not None:

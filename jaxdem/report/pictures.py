@@ -81,6 +81,12 @@ class Picture:
     forces: ForceLines | None = None
     liquid: Array | None = None
 
+    @property
+    def kinds_of_openings(self) -> list[str]:
+        """`INLET` or `OUTLET` of each of the openings, then of each of those of walls."""
+        of_walls = () if self.walls is None else self.walls.openings
+        return [*(opening.kind for opening in self.openings), *(kind for kind, _ in of_walls)]
+
     def shown_speed(self, top: float) -> Array | None:
         """Speed (nx, nz) as a picture has it, with this top of its scale [m/s]; None without fluid.
 

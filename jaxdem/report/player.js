@@ -28,7 +28,10 @@
       }
     const canvas = new OffscreenCanvas(nx, nz);
     canvas.getContext("2d").putImageData(image, 0, 0);
-    return { canvas, lines: linesOf(await unpacked(solid.lines)), over: solid.over };
+    const openings = await Promise.all(
+      solid.openings.map(async ({ color, lines }) => ({ color, lines: linesOf(await unpacked(lines)) }))
+    );
+    return { canvas, lines: linesOf(await unpacked(solid.lines)), over: solid.over, openings };
   }
 
   // Lines of points as parts of the box, see `_lines` in player.py.
@@ -84,11 +87,16 @@
     }
   }
 
+  function pathOf(lines, wide, high) {
+    const path = new Path2D();
+    for (const points of lines)
+      points.forEach(([x, z], k) => path[k ? "lineTo" : "moveTo"](x * wide, (1 - z) * high));
+    return path;
+  }
+
   // Over grains with a white edge, so that it shows on dark ones.
   function drawEdges(pen, walls, wide, high) {
-    const path = new Path2D(), pixel = window.devicePixelRatio || 1;
-    for (const points of walls.lines)
-      points.forEach(([x, z], k) => path[k ? "lineTo" : "moveTo"](x * wide, (1 - z) * high));
+    const path = pathOf(walls.lines, wide, high), pixel = window.devicePixelRatio || 1;
     for (const [width, color] of walls.over ? [[3, "#ffffff"], [1.5, data.edge]] : [[1.5, data.edge]]) {
       pen.lineWidth = width * pixel;
       pen.strokeStyle = color;
@@ -96,12 +104,16 @@
     }
   }
 
-  function drawOpenings(pen, run, wide, high) {
+  function drawOpenings(pen, run, walls, wide, high) {
     const scale = wide / run.box[0];
     pen.lineWidth = 4 * (window.devicePixelRatio || 1);
     for (const { color, corners: [x, z, right, top] } of run.openings) {
       pen.strokeStyle = color;
       pen.strokeRect(x * scale, high - top * scale, (right - x) * scale, (top - z) * scale);
+    }
+    for (const { color, lines } of walls ? walls.openings : []) {
+      pen.strokeStyle = color;
+      pen.stroke(pathOf(lines, wide, high));
     }
   }
 
@@ -123,7 +135,7 @@
       if (f && walls && !walls.over) drawEdges(pen, walls, canvas.width, canvas.height);
       if (f) drawGrains(pen, f, i, canvas.width, canvas.height);
       if (f && walls && walls.over) drawEdges(pen, walls, canvas.width, canvas.height);
-      if (f) drawOpenings(pen, run, canvas.width, canvas.height);
+      if (f) drawOpenings(pen, run, walls, canvas.width, canvas.height);
     });
     slider.value = number;
     shown.textContent = `t = ${data.times[number]} s`;

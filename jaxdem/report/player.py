@@ -152,6 +152,10 @@ def _data(clip: _Clip) -> dict[str, object]:
                 "share": _packed(_bytes(walls.shown_share.T.ravel(), 1.0).tobytes()),
                 "lines": _packed(_lines(walls.outlines(clip.box), clip.box)),
                 "over": walls.is_section,
+                "openings": [
+                    {"color": pictures.OPENINGS[kind], "lines": _packed(_lines([line], clip.box))}
+                    for kind, line in walls.openings
+                ],
             }
             for walls in sets.values()
         ],
@@ -212,7 +216,7 @@ def _caption(clips: Sequence[_Clip], shown: int, outputs: int) -> str:
         parts.append("Lines over the grains are the section of the walls at half depth.")
     if any(clip.first and clip.first.liquid is not None for clip in clips):
         parts.append("Of two fluids the liquid is shown, pale where it is at rest.")
-    if any(clip.first and clip.first.openings for clip in clips):
+    if any(clip.first and clip.first.kinds_of_openings for clip in clips):
         parts.append("Green lines are inlets, pink lines are outlets.")
     if shown < outputs:
         parts.append(f"To keep the page small, {shown} of {outputs} outputs are shown.")

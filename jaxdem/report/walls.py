@@ -45,11 +45,13 @@ class Solid:
         share: of the point's surroundings and of the depth that is solid, 0 to 1.
         distance: signed distance at half depth, negative in the wall [m].
         is_section: whether it is that of a 3-D scene, in which there are grains before it.
+        openings: kind and lines (P, 2) of points (x, height) of every `[[walls.opening]]` at half depth [m].
     """
 
     share: Array
     distance: Array
     is_section: bool = False
+    openings: tuple[tuple[str, Array], ...] = ()
 
     @property
     def shown_share(self) -> Array:
@@ -63,9 +65,14 @@ class Solid:
         Args:
             box: length and height of the picture [m].
         """
-        x, z = ((np.arange(n) + 0.5) * side / n for n, side in zip(self.distance.shape, box, strict=True))
-        lines = contour_generator(x, z, self.distance.T, line_type="Separate").lines(0.0)
-        return [np.asarray(line) for line in lines]
+        return _contours(self.distance, box)
+
+
+def _contours(distance: Array, box: Sequence[float]) -> list[Array]:
+    """Lines (P, 2) of points (x, height) along which a distance (nx, nz) in a picture of this size is zero [m]."""
+    x, z = ((np.arange(n) + 0.5) * side / n for n, side in zip(distance.shape, box, strict=True))
+    lines = contour_generator(x, z, distance.T, line_type="Separate").lines(0.0)
+    return [np.asarray(line) for line in lines]
 
 
 class Opening(NamedTuple):
@@ -118,7 +125,7 @@ def _place(wall: Mapping[str, Any], time: float, displacement: float) -> dict[st
     if placed is None:
         return {}
     turn = np.eye(placed.dimension) if placed.rotation is None else np.asarray(placed.rotation)
-    if wall["kind"] == "cylinder" and _same_tube(wall, turn, np.asarray(placed.shift)):
+    if wall["kind"] == "cylinder" and not wall.get("opening") and _same_tube(wall, turn, np.asarray(placed.shift)):
         return {}  # one picture for all angles of a drum
     return {"rotation": turn.tolist(), "shift": np.asarray(placed.shift).tolist(), "motion": None}
 
@@ -144,10 +151,49 @@ def _solid(tables: str, box: tuple[float, ...]) -> Solid:
     spacing = max(box[0], box[-1]) / RESOLUTION[len(box)]
     counts = [max(2, round(box[0] / spacing)), *([SLICES] * (len(box) - 2)), max(2, round(box[-1] / spacing))]
     centres = [(np.arange(n) + 0.5) * side / n for n, side in zip(counts, box, strict=True)]
-    distance = _distance(walls, np.stack(np.meshgrid(*centres, indexing="ij"), axis=-1))
+    points = np.stack(np.meshgrid(*centres, indexing="ij"), axis=-1)
+    distance = _distance(walls, points)
+    openings = _openings_of(walls, points if len(box) == 2 else points[:, SLICES // 2 : SLICES // 2 + 1], box)
     # Half of a point's surroundings is solid where the surface goes through it.
     share = np.clip(0.5 - distance / spacing, 0.0, 1.0)
-    return Solid(share, distance) if len(box) == 2 else Solid(share.mean(axis=1), distance[:, SLICES // 2], True)
+    if len(box) == 2:
+        return Solid(share, distance, openings=openings)
+    return Solid(share.mean(axis=1), distance[:, SLICES // 2], True, openings)
+
+
+def _openings_of(
+    walls: Sequence[Mapping[str, Any]], points: Array, box: Sequence[float]
+) -> tuple[tuple[str, Array], ...]:
+    """See `Solid.openings`; the points (nx, [1,] nz, D) are those of a picture."""
+    found = []
+    for wall in walls:
+        if not wall.get("opening"):
+            continue
+        distance = _distance([wall], points).reshape(len(points), -1)
+        lines = [line for line in _contours(distance, (box[0], box[-1])) if len(line) > 1]
+        for opening in wall["opening"]:
+            for line in lines:
+                places = np.insert(line, 1, 0.5 * box[1], axis=1) if len(box) == 3 else line
+                if "shift" in wall:
+                    places = (places - np.asarray(wall["shift"])) @ np.asarray(wall["rotation"])
+                within = np.flatnonzero(_is_in(opening.get("region"), places))
+                parts = np.split(within, np.flatnonzero(np.diff(within) > 1) + 1)
+                found += [(opening["kind"], line[part]) for part in parts if len(part) > 1]
+    return tuple(found)
+
+
+def _is_in(region: Mapping[str, Any] | None, points: Array) -> Array:
+    """(P,) whether points (P, D) are in the region of an opening; all without one."""
+    if region is None:
+        return np.ones(len(points), bool)
+    if region["shape"] == "box":
+        return np.all((points >= region["start"]) & (points <= region["stop"]), axis=1)
+    if region["shape"] == "sphere":
+        return np.linalg.norm(points - np.asarray(region["center"]), axis=1) <= region["radius"]
+    axis, away = _unit(region["axis"]), points - np.asarray(region["base"])
+    along = away @ axis
+    across = np.linalg.norm(away - along[:, None] * axis, axis=1)
+    return (along >= 0.0) & (along <= region["length"]) & (across <= region["radius"])
 
 
 def _distance(walls: Sequence[Mapping[str, Any]], points: Array) -> Array:

@@ -163,6 +163,39 @@ def test_openings_are_drawn_on_their_sides(make: Any) -> None:
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["inlet", "outlet"]
 
 
+def test_openings_of_walls_are_drawn_where_they_are(make: Any) -> None:
+    """On a tube that turns by a quarter, so that its upper arc is then at the left; in 3-D at half depth, beside a
+    region that does not reach there."""
+    turning = [{"kind": "rotation", "rate": 0.5 * np.pi, "center": [0.5, 0.4]}]
+    inlet = {"kind": "inlet", "region": {"shape": "sphere", "center": [0.5, 0.7], "radius": 0.1}}
+    outlet = {"kind": "outlet", "region": {"shape": "box", "start": [0.0, 0.0], "stop": [0.5, 0.2]}}
+    tube = {"kind": "cylinder", "center": [0.5, 0.4], "radius": 0.3, "opening": [inlet, outlet], "motion": turning}
+    run = walled(make, 2)
+    run.scene["walls"] = [tube]
+    found = walls.solid(run.scene, SIZE[2], 1.0).openings
+    assert [kind for kind, _ in found] == ["inlet", "outlet"]
+    for _, line in found:
+        np.testing.assert_allclose(np.hypot(*(line - [0.5, 0.4]).T), 0.3, atol=2e-3)
+    line = found[0][1]
+    assert line[:, 0].mean() == pytest.approx(0.2, abs=0.01) and np.ptp(line[:, 1]) == pytest.approx(0.2, abs=0.01)
+    assert set(pictures.take(run, 0).kinds_of_openings) == {"inlet", "outlet"}
+    (lines,) = [item for item in drawn(run).collections if isinstance(item, LineCollection)]
+    upper = max(lines.get_segments(), key=lambda line: line[:, 1].max())
+    assert upper[:, 1].min() == pytest.approx(0.7 - 0.1**2 / 0.6, abs=0.01)
+    page = player(build(Candidate(run, "a"), [Candidate(run, "b")]).rows)
+    assert page is not None and "pink lines are outlets" in page
+    data = json.loads(re.search(r'id="player-data">(.*?)</script>', page)[1])["runs"][0]
+    assert all(len(one["openings"]) >= 2 for one in data["walls"])
+    jet = {
+        "kind": "inlet",
+        "region": {"shape": "cylinder", "base": [0.3, 0.2, -0.1], "axis": [0, 0, 1], "length": 0.4, "radius": 0.1},
+    }
+    aside = {"kind": "outlet", "region": {"shape": "box", "start": [0.0, 0.0, 0.0], "stop": [1.0, 0.1, 0.4]}}
+    floor = {"kind": "plane", "point": [0.0, 0.0, 0.1], "normal": [0.0, 0.0, 1.0], "opening": [jet, aside]}
+    ((kind, line),) = walls.solid({"walls": [floor]}, SIZE[3]).openings
+    assert kind == "inlet" and np.allclose(line[:, 1], 0.1) and line[:, 0].min() == pytest.approx(0.2, abs=0.01)
+
+
 def test_all_pictures_of_a_run_have_its_walls(make: Any, tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """plot, every frame of animate, every panel of the snapshots, and the page's animations."""
     calls: list[Any] = []
