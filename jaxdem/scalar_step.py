@@ -72,7 +72,7 @@ def advance_scalars(
             parameters = parameters._replace(fluid=properties)
         stream = FluidFlow(
             solver.grid, solver.boundary, parameters.flow, fluid, flow.fluid,
-            report.flux, report.substeps, simulation.fluid.reversible, report.heat, report.dissolved,
+            report.flux, report.substeps, simulation.fluid.reversible, report.heat, report.dissolved, report.passed,
         )  # fmt: skip
         found = scalars.carried(numbers, found, stream, duration)
         sound = [jnp.all(jnp.isfinite(field)) for field in found.fields]

@@ -277,6 +277,27 @@ def test_a_cell_of_an_inlet_and_an_outlet_is_as_warm_as_what_comes_in():
     assert warm.min() > 300.0 - 1e-9 and 302.0 < warm.max() < 320.0 + 1e-9
 
 
+def test_inlets_that_share_a_cell_bring_the_heat_of_both():
+    """A slow cold one beside a fast warm one, with their edge within a cell: Q_1 T_1 + Q_2 T_2 comes in from the wall.
+    By area the cell would have another mixture. The check names both."""
+    cold = INLET | {"temperature": 300.0, "region": {"shape": "box", "start": [0.0, 0.0], "stop": [0.47, 1.0]}}
+    warm = cold | {
+        "flow": 4.0 * FLOW,
+        "temperature": 400.0,
+        "region": {"shape": "box", "start": [0.47, 0.0], "stop": [1.0, 1.0]},
+    }
+    drain = cylinder(INNER, False, [OUTLET])
+    heat = {"fluid_heat_capacity": 1000.0, "fluid_conductivity": 0.01, "fluid_temperature": 300.0}
+    scene = load_scene(tables((12, 12), [cylinder(OUTER, True, [cold, warm]), drain], heat=heat))
+    simulation, parameters, state, told = advanced(scene, 3)
+    (text,) = [one for one in check_scene(scene).warnings if "share" in one]
+    assert "walls.0.opening.0 and walls.0.opening.1 share" in text and "mixed there" in text
+    np.testing.assert_allclose(told.fluid.passed[:, 0], [FLOW, 4.0 * FLOW, 0.0], rtol=1e-12, atol=0.0)
+    came = float(state.scalars.supplied.sides[0][4])  # after the four sides of the box
+    exact = (FLOW * 300.0 + 4.0 * FLOW * 400.0) * 3 * simulation.interval
+    assert came == pytest.approx(exact, rel=1e-9)
+
+
 @COMBINATION
 def test_the_flow_between_two_spheres_is_radial(tmp_path):
     """u = Q/(4 pi r^2) in 3-D, to 0.6 % of its speed at the source, which has three cells a radius."""

@@ -61,7 +61,7 @@ def draw(
     if picture.walls is not None:
         _draw_walls(axis, picture.walls, box)
     of_walls = () if picture.walls is None else picture.walls.openings
-    outlines = [*map(_outline, picture.openings), *(line for _, line in of_walls)]
+    outlines = [np.asarray(_outline(opening)) for opening in picture.openings] + [line for _, line in of_walls]
     colours = [OPENINGS[kind] for kind in picture.kinds_of_openings]
     axis.add_collection(LineCollection(outlines, colors=colours, linewidths=3.0, clip_on=False, zorder=2.6))
     discs = EllipseCollection(

@@ -30,6 +30,7 @@ class FluidFlow(NamedTuple):
         reversible: see `ScalarTransport.advance`; static.
         heat: that two fluids have carried; None of one fluid, and without temperatures.
         dissolved: scalars that they have carried; None of one fluid, and without.
+        passed: what comes in and leaves, see `FluidDiagnostics`; None where nothing may pass [m3/s].
     """
 
     grid: Grid
@@ -42,6 +43,7 @@ class FluidFlow(NamedTuple):
     reversible: bool
     heat: CarriedHeat | None = None
     dissolved: tuple[CarriedScalar, ...] | None = None
+    passed: Array | None = None
 
 
 class GrainsInFluid(NamedTuple):

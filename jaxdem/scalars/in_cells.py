@@ -54,29 +54,36 @@ def through_openings(
     stream: Stream,
     surfaces: ScalarSurfaces,
     openings: Sequence[OpeningParts],
-    given: tuple[Sequence[Array | None], Array],
+    given: tuple[Sequence[Array | None], Array, Array],
 ) -> ScalarSurfaces:
     """The surfaces with what passes their openings: the volume by which continuity of the stream, div F = s - dg/dt,
-    is open in the cells beside them. What comes into a cell of several openings has the mean of their values by area.
+    is open in the cells beside them. What comes into a cell of several openings has the mean of their values by the
+    volumes that they bring there; beside an outlet only the difference passes.
 
     Args:
         grid: the grid.
         stream: over the interval.
         surfaces: without openings, which keep their place.
         openings: on them.
-        given: value of what comes in through each, None of one that nothing does [unit], and the length of the
-            interval [s].
+        given: value of what comes in through each, None of one that nothing does [unit], (K,) what came in through
+            each [m3/s], and the length of the interval [s].
     """
-    brought, duration = given
+    brought, inflow, duration = given
     flux = required(stream.flux, "flux of the fluid")
     growth = surfaces.open_cells * (stream.after - stream.before) / duration
     is_open = sum_of(part.supply for part in openings) > 0.0
     passing = jnp.where(is_open, divergence(grid, flux) + growth, 0.0)
-    bringing = [(part.supply, value) for part, value in zip(openings, brought, strict=True) if value is not None]
+    # The least speed is for those through which nothing came: by area then, which only rounding is multiplied by.
+    least = jnp.sqrt(jnp.finfo(inflow.dtype).tiny)
+    bringing = [
+        (part.supply * (flow / jnp.where(part.area > 0.0, part.area, 1.0) + least), value)
+        for part, flow, value in zip(openings, inflow, brought, strict=True)
+        if value is not None
+    ]
     supply = surfaces.supply
     if bringing:
-        area = sum_of(s for s, _ in bringing)
-        value = sum_of(s * value for s, value in bringing) / jnp.where(area > 0.0, area, 1.0)
+        whole = sum_of(share for share, _ in bringing)
+        value = sum_of(share * value for share, value in bringing) / jnp.where(whole > 0.0, whole, 1.0)
         supply = supply + jnp.maximum(passing, 0.0) * value
     return surfaces._replace(supply=supply, drain=jnp.maximum(-passing, 0.0))
 

@@ -92,7 +92,9 @@ class Scalars:
                 given = numbers.diffusivity, of_cells, *on_surfaces
                 stream = between_surfaces(stream, held.walls, cut, field.surfaces, given)
                 if cut.openings is not None and held.walls.brought is not None and stream.surfaces is not None:
-                    brought = [None if one is None else one[number] for one in held.walls.brought], duration
+                    values = [None if one is None else one[number] for one in held.walls.brought]
+                    inflow = required(flow.passed, "flow through openings")[-len(values) :, 0]
+                    brought = values, inflow, duration
                     surfaces = through_openings(flow.grid, stream, stream.surfaces, cut.openings, brought)
                     stream = stream._replace(surfaces=surfaces)
             transport = ScalarTransport(flow.grid, flow.boundary, field, numbers, stream)
