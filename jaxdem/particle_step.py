@@ -241,6 +241,10 @@ def particle_report(
     waiting = None
     if simulation.population is not None and simulation.population.inlets:
         waiting = simulation.population.waiting(required(particles.inserted, "inserted of the particles"), step)
+    present = None
+    if simulation.population is not None:
+        there = required(moved.before.active, "active of the particles")
+        present = total(blocks, jnp.sum(there.astype(jnp.int32)))
     squared = jnp.sum(velocity**2, axis=1)
     if bodies.clumps is not None:  # their surface is faster than their centre
         turning = bodies.outer_radius * jnp.sqrt(jnp.sum(particles.angular_velocity**2, axis=1))
@@ -266,4 +270,5 @@ def particle_report(
         means.walls,
         total(blocks, means.energy),
         None if travel is None else travel.met(required(particles.pistons, "pistons of the particles")),
+        present,
     )

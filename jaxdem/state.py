@@ -117,6 +117,7 @@ class ParticleDiagnostics(NamedTuple):
         walls: mean force and torque on every wall, sides of the box first; None where nothing asks for it.
         energy: what was given and taken; None where no balance of energy is kept.
         met: (K,) bool, which ends of `PistonTravel` are reached; None without.
+        present: () int32, particles that are there in this interval; None where all always are.
     """
 
     collision_force: Array
@@ -130,6 +131,7 @@ class ParticleDiagnostics(NamedTuple):
     walls: WallLoads | None = None
     energy: EnergyFlow | None = None
     met: Array | None = None
+    present: Array | None = None
 
 
 class Places(NamedTuple):

@@ -69,7 +69,7 @@ def warn(message: str) -> None:
 
 
 def print_run(result: Run) -> None:
-    """Whether the run is valid, its run and compile time, the time by stage and its folder."""
+    """Whether the run is valid, its times, its folder, and how often the drag law was asked outside its range."""
     from jaxdem.io.energy import energy_text
     from jaxdem.metrics import compile_time, run_time
 
@@ -87,6 +87,10 @@ def print_run(result: Run) -> None:
         "stages": ", ".join(parts),
         "output": str(result.path),
     }
+    closure = summary.get("closure", {})
+    outside = closure.get("out_of_range_fraction", 0.0)
+    if outside > 0.0 or closure.get("file"):
+        rows["drag"] = f"{100.0 * outside:.2g} % of its evaluations outside the range of the law"
     if merge := summary.get("start", {}).get("merged"):
         rows["merged"] = merge_text(merge)
     if told := energy_text(summary.get("energy", {})):

@@ -39,7 +39,7 @@ class Records(NamedTuple):
     """Figures of every interval of a chunk, (CHUNK, ...) each; None for a part that the scene has not.
 
     Attributes:
-        collision_force, fastest, builds, waiting: see `ParticleDiagnostics`.
+        collision_force, fastest, builds, waiting, present: see `ParticleDiagnostics`.
         substeps, courant, iterations, divergence, pressure_gradient, surface_load, passed: see
             `FluidDiagnostics`.
         momentum, volume, out_of_range: see `ExchangeDiagnostics`.
@@ -50,6 +50,7 @@ class Records(NamedTuple):
     fastest: Array | None = None
     builds: Array | None = None
     waiting: Array | None = None
+    present: Array | None = None
     substeps: Array | None = None
     courant: Array | None = None
     iterations: Array | None = None

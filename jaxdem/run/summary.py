@@ -108,7 +108,8 @@ def _rows(instant: Instant) -> int:
 
 
 def _closure(case: Case, instant: Instant, totals: Totals) -> dict[str, Any]:
-    scene, used = case.scene, _rows(instant) * max(totals.intervals, 1)
+    scene = case.scene
+    used = totals.present if totals.present > 0.0 else _rows(instant) * max(totals.intervals, 1)
     return {
         "file": scene.closure.file,
         "subgrid_file": None if scene.fluid is None else scene.fluid.subgrid,

@@ -55,6 +55,8 @@ class Totals:
     """Sums and extremes over a run; they belong to a checkpoint.
 
     Attributes:
+        present: particles that were there, added up over the intervals; 0 where they always are, NaN where a
+            checkpoint does not tell.
         at_start: by its name what each part of the scene compares the end with, see `jaxdem.run.parts.part`.
         passed, passed_before: see `Means`, summed over the intervals of the run, and up to the last output; empty
             before the first interval, and where nothing may pass [m3/s].
@@ -76,6 +78,7 @@ class Totals:
     passed_intervals: int = 0
     energy: tuple[float, ...] = ()
     out_of_range: float = 0.0
+    present: float = 0.0
     spread: float = 0.0
     ensemble_force: float = 0.0
     iterations: int = 0
@@ -131,6 +134,8 @@ class Totals:
             self.waiting = int(told["waiting"][-1])
             self.waiting_most = max(self.waiting_most, int(told["waiting"].max()))
             self.waited += int(told["waiting"].sum())
+        if records.present is not None:
+            self.present += float(told["present"].sum())
         if records.substeps is not None:
             self.fluid_steps += int(told["substeps"].sum())
             self.iterations = max(self.iterations, int(told["iterations"].max()))
@@ -184,15 +189,16 @@ class Totals:
         Args:
             values: from a checkpoint.
             walls_in_fluid: whether the fluid sees walls; without them an older checkpoint need not have their force.
-                It has no energies either: of the start these stay unknown. Nor has it what passed, which counts from
-                the start or not at all.
+                It has no energies and no number of particles either: of the start these stay unknown. Nor has it what
+                passed, which counts from the start or not at all.
 
         Raises:
             InputError: one is missing.
         """
         missing = ("energy",) if walls_in_fluid else ("energy", "surface_force")
         missing = ("passed", "passed_before", *missing)
-        values = {name: np.zeros(0) for name in missing} | {"passed_intervals": np.zeros(())} | dict(values)
+        unknown = {"passed_intervals": np.zeros(()), "present": np.asarray(np.nan)}
+        values = {name: np.zeros(0) for name in missing} | unknown | dict(values)
         for field in dataclasses.fields(self):
             if field.name not in NOT_KEPT:
                 setattr(self, field.name, type(getattr(self, field.name))(stored(values, field.name)))

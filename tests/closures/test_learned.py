@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from jaxdem import load_scene, simulate
+from jaxdem.cli.terminal import print_run
 from jaxdem.closures import (
     DragInputs,
     EnsembleClosure,
@@ -210,27 +211,50 @@ def test_ensemble_of_one_network_is_that_network():
     np.testing.assert_allclose(spread / np.abs(force(alone, far)).max(), 0.0, atol=1e-12)
 
 
+THREE_GRAINS = {
+    "precision": "float64",
+    "domain": {"size": [0.4, 0.4], "depth": 0.04},
+    "particles": {"count": 3, "radius": 0.01, "density": 2650.0} | {"position": [[0.1, 0.2], [0.2, 0.25], [0.3, 0.2]]},
+    "contact": {"young_modulus": 5e6},
+    "fluid": {"cells": [5, 5], "time_step": 0.005},
+    "coupling": {"drag": "koch_hill"},
+    "time": {"end": 0.02, "output_interval": 0.01},
+}
+"""Grains that begin to fall in still water."""
+
+
 def test_a_run_tells_how_far_its_ensemble_is_apart(tmp_path):
     """Two members with constant factors exp(+-G b): spread over mean force is sqrt(2) tanh(G b), at all outputs."""
-    tables = {
-        "precision": "float64",
-        "domain": {"size": [0.4, 0.4], "depth": 0.04},
-        "particles": {"count": 3, "radius": 0.01, "density": 2650.0}
-        | {"position": [[0.1, 0.2], [0.2, 0.25], [0.3, 0.2]]},
-        "contact": {"young_modulus": 5e6},
-        "fluid": {"cells": [5, 5], "time_step": 0.005},
-        "coupling": {"drag": "koch_hill"},
-        "time": {"end": 0.02, "output_interval": 0.01},
-    }
     start, bias = InvariantClosure.initial(hidden=(4,)), 0.3
     members = []
     for sign in (1.0, -1.0):
         last = start.weights["Dense_1"] | {"bias": jnp.asarray([sign * bias], jnp.float32)}
         members.append(dataclasses.replace(start, weights=start.weights | {"Dense_1": last}))
-    run = simulate(load_scene(tables), tmp_path / "run", closure=EnsembleClosure.of(members))
+    run = simulate(load_scene(THREE_GRAINS), tmp_path / "run", closure=EnsembleClosure.of(members))
     gate, bounded = 1.0 - np.exp(-0.08 / 0.02 / 4.0), np.log(10.0) * np.tanh(bias / np.log(10.0))
     found = run.summary["closure"]["ensemble_spread"]
     assert found == pytest.approx(np.sqrt(2.0) * np.tanh(gate * bounded), rel=1e-6)
+
+
+@pytest.mark.parametrize("others_to_come", [0, 5])
+def test_a_run_tells_which_part_of_its_particles_is_out_of_range(others_to_come, tmp_path, capsys):
+    """One of three grains is faster than the data in all intervals. Rows of grains to come do not count."""
+    thrown = {"velocity": [[0.0, 0.0], [0.0, 0.0], [0.0, 1.5]]}
+    tables = THREE_GRAINS | {"particles": THREE_GRAINS["particles"] | thrown}
+    if others_to_come:
+        later = {"side": "left", "velocity": 0.1, "rate": 1e5, "total": others_to_come, "begin": 0.0199}
+        tables["particles"] |= {"inlet": [later]}
+        tables |= {"boundary": {"right": {"kind": "outlet"}}}
+    start = InvariantClosure.initial(hidden=(4,))
+    number = FEATURES.index("log1p_reynolds")
+    low, high = np.full(len(FEATURES), -np.inf), np.full(len(FEATURES), np.inf)
+    low[number], high[number] = 0.0, np.log1p(0.2 * 0.02 / 1e-6)  # up to 0.2 m/s, with the margin 0.46 m/s
+    closure = dataclasses.replace(start, feature_low=low, feature_high=high)
+    run = simulate(load_scene(tables), tmp_path / "run", closure=closure)
+    assert run.summary["counts"]["particles"] == 3 + others_to_come
+    assert run.summary["closure"]["out_of_range_fraction"] == pytest.approx(1 / 3, rel=1e-9)
+    print_run(run)
+    assert "33 % of its evaluations outside the range of the law" in capsys.readouterr().out
 
 
 def test_the_closure_that_comes_with_the_scenes():
