@@ -164,13 +164,14 @@ def require_closure(key: str, path: str | Path | None) -> None:
         _require(Path(path), CLOSURE._replace(key=key))
 
 
-def require_datasets(paths: Sequence[Path]) -> None:
-    """As `require_closure`, of datasets."""
+def require_datasets(paths: Sequence[Path], other: str = "") -> None:
+    """As `require_closure`, of datasets; `other` is what the command takes in their place."""
     from jaxdem.files.stored import DATASET
 
+    kind = DATASET._replace(writer=DATASET.writer + other)
     for path in paths:
         if not path.is_dir():  # a folder is refused when it is read
-            _require(path, DATASET)
+            _require(path, kind)
 
 
 def _require(path: Path, kind: Kind) -> None:

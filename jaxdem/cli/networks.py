@@ -81,7 +81,7 @@ def train(
         return
     if size is not None:
         raise InputError("--size", size.value, "belongs to --recipe neighbours", "Give --hidden, or the recipe.")
-    require_datasets(datasets)
+    require_datasets(datasets, ", or --recipe neighbours for forces on spheres")
     start_jax()
     from jaxdem.cli import progress
     from jaxdem.train.ensemble import fit_ensemble

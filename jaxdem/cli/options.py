@@ -263,7 +263,12 @@ Terms = Annotated[
 ]
 Features = Annotated[
     str | None,
-    Option("--features", metavar="A,B", help="What the network sees; by default all.", rich_help_panel=FILTERED),
+    Option(
+        "--features",
+        metavar="A,B",
+        help="What the network sees; by default all but log_solid_fraction, log_wide_solid_fraction.",
+        rich_help_panel=FILTERED,
+    ),
 ]
 Bounded = Annotated[
     bool, Option("--bounded", help="The factor on the base law is at most one.", rich_help_panel=FILTERED)

@@ -71,7 +71,7 @@ def _check_room(key: str, region: Region, size: tuple[float, ...], largest: floa
             raise InputError(key, region, "the inlet must lie inside the box", "move the inlet")
         if high - low < 2.0 * largest:
             limit = f"holds no particle of radius {largest:.4g} m: it needs {2 * largest:.4g} m along every axis"
-            raise InputError(key, region, limit, "enlarge the inlet")
+            raise InputError(key, region, limit, "enlarge the inlet, or use smaller particles")
 
 
 def _velocity(key: str, inlet: ParticleInlet, box: Box) -> tuple[float, ...]:

@@ -14,6 +14,7 @@ from jaxdem.setup.regions import region_space, require_in_box
 SAMPLES = 20_000
 """Points of a polygon by which the room in it is estimated."""
 
+ROOMIER = "enlarge the region, take a box (start and stop), or use smaller particles"
 LEAST_ROOM = 0.02
 """Part of the rectangle round a polygon in which a centre must be able to lie: of 16 places that are tried at once for
 a particle, one is free then in 28 % of the intervals."""
@@ -69,7 +70,7 @@ def inlet_region(key: str, region: Region, box: Box, largest: float) -> InletReg
         limit = f"has no room for a particle of radius {largest:.4g} m"
         if room > 0.0:
             limit = f"has room for a particle of radius {largest:.4g} m in {100 * room:.2g} % of the rectangle round it"
-        raise InputError(f"{key}.region", region.shape, limit, "enlarge the region, or use a box (start and stop)")
+        raise InputError(f"{key}.region", region.shape, limit, ROOMIER)
     if region.shape == "sphere":
         return Round(region.center or (), region.radius or 0.0)
     if region.shape == "cylinder":
@@ -95,4 +96,4 @@ def _cubes(key: str, region: Region, space: regions.Region, largest: float) -> C
         if found is not None:
             return found
     limit = f"has no room for a particle of radius {largest:.4g} m"
-    raise InputError(f"{key}.region", region.shape, limit, "enlarge the region, or use a box (start and stop)")
+    raise InputError(f"{key}.region", region.shape, limit, ROOMIER)

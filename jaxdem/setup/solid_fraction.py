@@ -104,13 +104,14 @@ def _densest(dimension: int, radius: np.ndarray) -> float:
 
 def require_reachable(pack: Fillable, radius: np.ndarray) -> None:
     """Refuses a pack that certainly cannot hold particles of these radii, (N,) [m]."""
-    table, space = pack.pack, pack.space
+    table, space, ratio = pack.pack, pack.space, pack.table.coarse_grain
     fraction = random_packing.random_solid_fraction(space, radius, table.gap)
     sides = np.where(space.wraps, np.inf, np.subtract(*space.bounds[::-1]))
     if 2.0 * float(radius.max()) > sides.min():
         limit = f"a particle of radius {radius.max():.4g} m does not fit into the region, {sides.min():.4g} m wide"
-        grain = float(f"{radius.max() / pack.table.coarse_grain:.4g}")
-        raise InputError(pack.radius_key, grain, limit, "use smaller particles, or enlarge the region")
+        grain = float(f"{radius.max() / ratio:.4g}")
+        smaller = "use smaller particles" if ratio == 1.0 else f"lower particles.coarse_grain, which is {ratio:g}"
+        raise InputError(pack.radius_key, grain, limit, f"{smaller}, or enlarge the region")
     if table.kind == "grown":
         largest = _densest(space.dimension, radius)
         remedy = "enlarge the region"
@@ -122,5 +123,8 @@ def require_reachable(pack: Fillable, radius: np.ndarray) -> None:
             f"the particles, with their spacing, fill {100 * fraction:.3g} % of the region of the {table.kind} pack; "
             f"the limit is {100 * largest:.3g} %"
         )
-        remedy = f"{remedy}, or lower {pack.key}.spacing"
+        fewer = f"lower {pack.count_key}"
+        if ratio != 1.0 and table.solid_fraction is None:
+            fewer += f" (of parcels, {ratio**space.dimension:.6g} grains each)"
+        remedy = f"{fewer}, {remedy}, or lower {pack.key}.spacing"
         raise InputError(pack.count_key, table.solid_fraction or len(radius), limit, remedy)

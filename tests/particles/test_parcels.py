@@ -1,6 +1,9 @@
 """Parcels: every model scales as the grains that a parcel stands for."""
 
+from types import SimpleNamespace
+
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -8,6 +11,8 @@ import jaxdem
 from jaxdem.check.check import check_scene
 from jaxdem.check.unit_warnings import unit_warnings
 from jaxdem.closures import DRAG_LAWS
+from jaxdem.coupling.forces.lift import SaffmanMei
+from jaxdem.particles.integrate import ParticleState
 from tests.cases.tiers import tiered
 
 RADIUS = 1e-3
@@ -137,6 +142,30 @@ def test_drag_is_the_law_of_the_grain_times_the_grains(clouds):
     np.testing.assert_allclose(report.forces.law[0], expected, rtol=1e-12, atol=1e-20)
 
 
+def test_lift_in_a_shear_is_that_of_the_grain_times_the_grains():
+    """Saffman and Mei's force of the grain's diameter in u = (k z, 0, 0), by hand at Re = 0.6 and a small shear."""
+    position, velocity, rate, nu = jnp.array([[0.016, 0.016, 0.016]]), jnp.zeros((1, 3)), 2.0, 1e-4
+    scene = scene_of(cloud(2.0, lift=["saffman_mei"]))
+    simulation, parameters = jaxdem.build(scene)
+    grid, bodies = simulation.coupling.interval.solver.grid, parameters.bodies
+    heights = (jnp.arange(4) + 0.5) * 8e-3
+    shape = grid.face_shape(0)
+    faces = (jnp.broadcast_to(rate * heights, shape), *(jnp.zeros(grid.face_shape(axis)) for axis in (1, 2)))
+    weights = simulation.coupling.deposition.weights(grid, position, bodies.radius)
+    particles = ParticleState(position, None, velocity, jnp.zeros((1, 3)), (), (), velocity, None)
+    slip, properties = jnp.array([[0.03, 0.0, 0.0]]), parameters.mixture.properties._replace(viscosity=nu)
+    start = SimpleNamespace(
+        particles=particles, bodies=bodies, slip=slip, grid=grid, weights=weights, face_velocity=faces,
+        properties=properties,
+    )  # fmt: skip
+    found = SaffmanMei().begin(start, None).force
+    diameter, speed = 2.0 * RADIUS, 0.03
+    re, b = speed * diameter / nu, 0.5 * diameter * rate / speed
+    factor = (1.0 - 0.3314 * np.sqrt(b)) * np.exp(-re / 10.0) + 0.3314 * np.sqrt(b)
+    grain = 1.615 * diameter**2 * 1000.0 * np.sqrt(nu * rate) * factor * speed
+    np.testing.assert_allclose(found[0], [0.0, 0.0, 8.0 * grain], rtol=1e-9, atol=1e-15)
+
+
 @pytest.mark.parametrize("key, value", [("lift", ["magnus"]), ("rotational_drag", True), ("self_disturbance", True)])
 def test_models_without_a_rule_are_refused(key, value):
     with pytest.raises(jaxdem.InputError, match=key):
@@ -169,6 +198,23 @@ def test_a_rate_of_loss_that_cannot_be_kept_is_refused(changes, key):
     tables["contact"] |= {"parcel_loss": "rate"} | changes
     with pytest.raises(jaxdem.InputError, match=key):
         jaxdem.build(scene_of(tables))
+
+
+@pytest.mark.parametrize(
+    ("keys", "key", "words"),
+    [
+        ({"count": 20}, "particles.count", "lower particles.count (of parcels, 4 grains each)"),
+        ({"count": 1, "coarse_grain": 40.0}, "particles.radius", "lower particles.coarse_grain, which is 40"),
+    ],
+)
+def test_a_pack_without_room_says_that_it_is_of_parcels(keys, key, words):
+    """A scene of grains that is given a coarse_grain alone has as many parcels as grains, and these do not fit."""
+    pack = {"kind": "random", "start": [0.0, 0.0], "stop": [12.0 * RADIUS, 12.0 * RADIUS], "spacing": 1.02}
+    tables = crowd(2, 1.0, "hertz")
+    tables["particles"] = {"radius": RADIUS, "density": 2500.0, "coarse_grain": 2.0, "pack": pack} | keys
+    with pytest.raises(jaxdem.InputError) as caught:
+        check_scene(scene_of(tables))
+    assert caught.value.key == key and words in str(caught.value).replace("Lower", "lower")
 
 
 def test_check_tells_of_the_grain():

@@ -146,6 +146,7 @@ def test_options_of_other_recipes_are_refused(data, tmp_path):
         refused(result, f"--{option}", "--recipe filtered")
     refused(CliRunner().invoke(app, [*train, "filtered", "--size", "small"]), "--size", "neighbours")
     refused(CliRunner().invoke(app, [*train, "neighbours", str(data)]), "must be one file")
+    refused(CliRunner().invoke(app, [*train, "filtered"]), "dataset", "or --recipe neighbours for forces on spheres")
     text = tmp_path / "text.h5"
     text.write_text("no data")
     refused(
