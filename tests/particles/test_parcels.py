@@ -10,7 +10,7 @@ import pytest
 import jaxdem
 from jaxdem.check.check import check_scene
 from jaxdem.check.unit_warnings import unit_warnings
-from jaxdem.closures import DRAG_LAWS
+from jaxdem.closures import DRAG_LAWS, DragInputs, PaperNetwork
 from jaxdem.coupling.forces.lift import SaffmanMei
 from jaxdem.particles.integrate import ParticleState
 from tests.cases.tiers import tiered
@@ -140,6 +140,20 @@ def test_drag_is_the_law_of_the_grain_times_the_grains(clouds):
     multiple = float(DRAG_LAWS["koch_hill"]().stokes_multiple(np.float64(solids), np.float64(reynolds)))
     expected = 8.0 * 3.0 * np.pi * 1e-3 * diameter * multiple * slip
     np.testing.assert_allclose(report.forces.law[0], expected, rtol=1e-12, atol=1e-20)
+
+
+def test_the_whole_force_of_a_learned_closure_is_that_of_the_grain_times_the_grains():
+    """Both parts, the coefficient and the remainder, of a network of random weights."""
+    simulation, parameters = jaxdem.build(scene_of(cloud(2.0)))
+    rows = jnp.asarray(np.random.default_rng(1).normal(size=(4, 5, 3)))
+    numbers = (jnp.asarray(value) for value in (2.0 * RADIUS, 8e-3, 1000.0, 1e-3))
+    inputs = DragInputs(rows[0], rows[1], jnp.full(5, 0.2), rows[2], rows[3], *numbers)
+    closure, start = PaperNetwork.initial(3, seed=2), SimpleNamespace(bodies=parameters.bodies)
+    of_grain = closure(inputs)
+    of_parcel = simulation.coupling.drag.law(closure, jnp.asarray(1.0), start)(inputs)
+    assert np.abs(of_grain.remainder).min() > 0.0
+    np.testing.assert_allclose(of_parcel.coefficient, 8.0 * of_grain.coefficient, rtol=1e-14)
+    np.testing.assert_allclose(of_parcel.remainder, 8.0 * of_grain.remainder, rtol=1e-14)
 
 
 def test_lift_in_a_shear_is_that_of_the_grain_times_the_grains():
