@@ -15,6 +15,7 @@ from benchmarks.clusters_seen import view_of
 from jaxdem.closures import WenYu
 from jaxdem.closures.nudged import NudgedDrag
 from jaxdem.errors import required
+from jaxdem.train.dataset import described
 from jaxdem.train.dataset_file import Dataset, read_dataset, write_dataset
 from jaxdem.train.nudged import NudgedRun, Nudging, Reference, reference_of
 
@@ -68,17 +69,8 @@ def _make(one: Seen, folder: Path, files: dict[str, Path]) -> None:
             late = rows["time"] > one.dropped * RELAXATION
             collected[name].append({column: values[late] for column, values in rows.items()})
             _report(name, case, series, rows, one.dropped)
-    density, viscosity = float(view.properties.density), float(view.properties.viscosity)
     for name, file in files.items():
-        attributes = {
-            "drag": "wen_yu",
-            "fluid_density": density,
-            "dynamic_viscosity": density * viscosity,
-            "dimension": 2,
-            "run": one.case.folder,
-            "scene_toml": run.scene_toml,
-        }
-        write_dataset(file, attributes, {round(CELL / one.case.cell): view.group(collected[name])})
+        write_dataset(file, described(run), {round(CELL / one.case.cell): view.group(collected[name])})
 
 
 def _run_of(case: Case, reference: Reference) -> tuple[NudgedRun, tuple[object, object]]:

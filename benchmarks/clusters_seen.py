@@ -12,7 +12,7 @@ from benchmarks.clusters_runs import RELAXATION, Case
 from jaxdem.errors import required
 from jaxdem.fluid.grid import cell_average
 from jaxdem.io import Run
-from jaxdem.train.dataset import CoarseView
+from jaxdem.train.dataset import CoarseView, described
 from jaxdem.train.dataset_file import write_dataset
 
 OF_GRAINS = ("drag_force", "pressure_gradient_force", "viscous_force")
@@ -66,17 +66,7 @@ def make_seen(
     for number in _late(case, samples.times, dropped):
         for sample in thinned(samples.frame(number), parcel, draws, number):
             collected.append(view.rows(sample, float(samples.times[number])))
-    fluid = required(view.simulation.fluid, "fluid").solver
-    density, viscosity = float(view.properties.density), float(view.properties.viscosity)
-    attributes = {
-        "drag": str(samples.attributes["drag"]),
-        "fluid_density": density,
-        "dynamic_viscosity": density * viscosity,
-        "dimension": fluid.grid.dimension,
-        "run": case.folder,
-        "scene_toml": run.scene_toml,
-    }
-    write_dataset(file, attributes, {round(cell / case.cell): view.group(collected)})
+    write_dataset(file, described(run), {round(cell / case.cell): view.group(collected)})
 
 
 def filtered_drag(case: Case, run: Run, cell: float = 24.0) -> dict[str, float]:

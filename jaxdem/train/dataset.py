@@ -97,16 +97,26 @@ def make_dataset(
             if progress is not None:
                 progress(done, len(coarsen) * len(numbers))
         groups[factor] = view.group(collected)
+    write_dataset(out, described(source, overrides), groups)
+
+
+def described(run: Run, overrides: dict[str, Any] | None = None) -> dict[str, Any]:
+    """What a dataset tells of the run that it is made of: drag law, fluid, dimensions, name and scene.
+
+    Args:
+        run: with samples.
+        overrides: keys in which the coarse runs differ from it.
+    """
+    scene = load_scene(run.scene, overrides)
     fluid = required(scene.fluid, "fluid")
-    attributes = {
-        "drag": str(samples.attributes["drag"]),
+    return {
+        "drag": str(_samples(run).attributes["drag"]),
         "fluid_density": fluid.density,
         "dynamic_viscosity": fluid.density * fluid.viscosity,
         "dimension": scene.dimension,
-        "run": Path(run).resolve().name,
-        "scene_toml": load_scene(source.scene, overrides).to_toml() if overrides else source.scene_toml,
+        "run": Path(run.path).resolve().name,
+        "scene_toml": scene.to_toml() if overrides else run.scene_toml,
     }
-    write_dataset(out, attributes, groups)
 
 
 def _check(scene: Scene, coarsen: tuple[int, ...]) -> None:

@@ -147,7 +147,7 @@ def test_untrained_invariant_closure_is_its_base_law(terms):
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
-def test_rotation_and_moving_frame(dimension):
+def test_rotation_reflection_and_moving_frame(dimension):
     inputs = make_inputs(dimension=dimension)
     closure = shaken(normalised(InvariantClosure.initial(terms=TERMS), inputs))
     before = force(evaluate(closure, inputs), inputs)
@@ -155,8 +155,9 @@ def test_rotation_and_moving_frame(dimension):
     assert np.abs(before - base.coefficient[:, None] * inputs.slip_velocity).max() > 1e-3  # it does correct
     scale = np.abs(before).max()
     rotation = rotation_matrix(dimension)
-    turned = rotated(inputs, rotation)
-    np.testing.assert_allclose(force(evaluate(closure, turned), turned), before @ rotation.T, atol=1e-6 * scale)
+    for turn in (rotation, rotation.at[0].multiply(-1.0)):  # a rotation and a reflection, in this order or the other
+        turned = rotated(inputs, turn)
+        np.testing.assert_allclose(force(evaluate(closure, turned), turned), before @ turn.T, atol=1e-6 * scale)
     frame = jnp.full((1, dimension), 0.7)
     moving = inputs._replace(
         particle_velocity=inputs.particle_velocity + frame, fluid_velocity=inputs.fluid_velocity + frame

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import re
+from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
@@ -12,6 +14,7 @@ import jaxdem
 from jaxdem.closures import DragInputs, WenYu
 from jaxdem.closures.nudged import NudgedDrag
 from jaxdem.errors import InputError
+from jaxdem.train.dataset_file import read_dataset
 from jaxdem.train.nudged import Mixed, NudgedRun, Nudging, Reference
 from tests.cases.tiers import COMBINATION
 
@@ -104,3 +107,20 @@ def test_a_run_gets_the_slip_of_the_fine_one_by_the_box_and_by_the_cells():
     sizes = parameters.bodies._replace(density=parameters.bodies.density * np.linspace(1.0, 1.1, case.count))
     with pytest.raises(InputError, match="several masses"):
         NudgedRun(simulation, parameters._replace(bodies=sizes), run.reference)
+
+
+@COMBINATION
+def test_the_steps_of_the_page_make_a_dataset(tmp_path, monkeypatch):
+    """The Python code of docs/learned_closures.md, on a fine run and a nudged one that are short."""
+    root = Path(__file__).parents[2]
+    page = (root / "docs" / "learned_closures.md").read_text(encoding="utf-8")
+    (steps,) = (code for code in re.findall(r"```python\n(.*?)```", page, re.DOTALL) if "NudgedRun" in code)
+    (tmp_path / "scenes").symlink_to(root / "scenes")
+    monkeypatch.chdir(tmp_path)
+    changes = {"time.end": 0.01, "output.samples": 0.005}
+    jaxdem.simulate(jaxdem.load_scene("scenes/clusters_demo.toml", changes), "runs/fine")
+    names: dict[str, object] = {}
+    exec(steps.replace("outputs=20", "outputs=2"), names)
+    found = read_dataset("runs/nudged.h5")
+    assert (found.run, found.drag, list(found.groups)) == ("fine", "wen_yu", [4])
+    assert len(names["rows"]["time"]) == 2 * 688
