@@ -208,6 +208,33 @@ def test_an_opening_moves_with_its_wall():
     assert np.abs(middle - centre - from_axis).max() < 0.5 / 16.0
 
 
+def test_an_opening_has_slopes_by_the_motion_of_its_wall():
+    """By the speed at which it rises and the rate at which it turns, those of differences. The slope of a minimum over
+    the sides of the region was NaN in some programs."""
+    region = {"shape": "box", "start": [0.5, 0.0], "stop": [1.0, 1.0]}
+    wall = cylinder(INNER, False, [INLET | {"region": region}], motion=MOVES)
+    scene = load_scene(tables((12, 12), [wall], boundary={"top": {"kind": "outlet"}}))
+    simulation, parameters = build(scene)
+    fluid, step = initial_state(scene, simulation, parameters)[0].fluid, jnp.asarray(5)
+    draw = np.random.default_rng(0)
+    weights = [draw.standard_normal(a.shape) for a in jax.tree.leaves(parameters.fluid.cut.openings)]
+
+    @jax.jit
+    def figure(numbers, ways):
+        def of(numbers):
+            given = parameters._replace(wall_motion=(tuple({"rate": rate} for rate in numbers),))
+            leaves = jax.tree.leaves(simulation.with_moved_walls(given, fluid, step)[0].fluid.cut.openings)
+            return sum(jnp.sum(w * leaf) for w, leaf in zip(weights, leaves, strict=True))
+
+        return jax.jvp(of, (numbers,), (ways,))
+
+    now, size = jnp.asarray([0.25, 1.0]), 1e-6
+    for way in (jnp.asarray([1.0, 0.0]), jnp.asarray([0.0, 1.0])):
+        slope = float(figure(now, way)[1])
+        higher, lower = (float(figure(now + sign * size * way, way)[0]) for sign in (1.0, -1.0))
+        assert slope == pytest.approx((higher - lower) / (2.0 * size), rel=1e-5) and slope != 0.0
+
+
 def test_grains_and_an_opening_share_the_volume():
     """A jet in a sloped floor below sinking grains that come in during the run, in a box closed but for the opening in
     its lid: the lid's opening lets out what jet and new grains bring."""

@@ -12,7 +12,7 @@ from jaxdem.coupling.surface_velocity import slopes_at_faces
 from jaxdem.fluid.cut_cells import CutCells, OpeningParts
 from jaxdem.fluid.grid import Grid, along
 from jaxdem.numerics.blocks import total
-from jaxdem.numerics.host import namespace
+from jaxdem.numerics.host import least_of, namespace
 from jaxdem.numerics.placement import Placement
 from jaxdem.numerics.static import static
 from jaxdem.numerics.vectors import Vector
@@ -96,8 +96,7 @@ def _depth(grid: Grid, region: Region, placed: Placement | None, like: Array) ->
     if region.frame is not None:
         from_origin = [x - o for x, o in zip(points, region.origin, strict=True)]
         points = tuple(sum(e * x for e, x in zip(row, from_origin, strict=True)) for row in region.frame)
-    depths = [_depth_in(shape, tuple(points[a] for a in axes)) for axes, shape in region.parts]
-    return xp.min(xp.stack(depths), axis=0)  # type: ignore[no-any-return]
+    return least_of([_depth_in(shape, tuple(points[a] for a in axes)) for axes, shape in region.parts])
 
 
 def _depth_in(shape: object, points: Vector) -> Array:
@@ -106,7 +105,7 @@ def _depth_in(shape: object, points: Vector) -> Array:
     if isinstance(shape, Interval):
         if shape.wraps:
             return xp.full_like(points[0], shape.size)
-        return xp.minimum(points[0] - shape.low, shape.high - points[0])
+        return least_of((points[0] - shape.low, shape.high - points[0]))
     assert isinstance(shape, Ball)
     squared = sum((x - c) ** 2 for x, c in zip(points, shape.center, strict=True))
     away = squared > 0.0

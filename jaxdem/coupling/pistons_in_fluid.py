@@ -33,7 +33,7 @@ from jaxdem.fluid.grid import Grid, along, sum_of
 from jaxdem.fluid.surface_response import SurfaceResponse
 from jaxdem.numerics.blocks import largest
 from jaxdem.numerics.compensated import Pair
-from jaxdem.numerics.host import namespace
+from jaxdem.numerics.host import least_of, namespace
 from jaxdem.numerics.static import static
 from jaxdem.particles.moving_walls import Numbers, PistonNumbers, PistonState
 
@@ -94,12 +94,10 @@ def gaps_of(grid: Grid, pistons: Sequence[PistonInFluid], distances: Sequence[Ar
     shallow = [xp.maximum(distance, -depth) for distance in distances]
     found = []
     for piston in pistons:
-        own = xp.min(xp.stack([shallow[k] for k in piston.surfaces]), axis=0)
+        own = least_of([shallow[k] for k in piston.surfaces])
         apart, along = ({number for number, _ in walls} for walls in (piston.apart, piston.along))
         far = xp.asarray(math.hypot(*grid.size), own.dtype)
-        slope = (
-            _slope(grid, piston, xp.min(xp.stack([distances[k] for k in piston.surfaces]), axis=0)) if along else 0.0
-        )
+        slope = _slope(grid, piston, least_of([distances[k] for k in piston.surfaces])) if along else 0.0
         for k, other in enumerate(shallow):
             gap = far
             if k in apart:

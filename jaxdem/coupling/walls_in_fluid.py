@@ -31,7 +31,7 @@ from jaxdem.numerics import pair_arithmetic as pairs
 from jaxdem.numerics.batches import cond_in_batch
 from jaxdem.numerics.blocks import Blocks
 from jaxdem.numerics.compensated import Pair
-from jaxdem.numerics.host import namespace
+from jaxdem.numerics.host import least_of, namespace
 from jaxdem.numerics.placement import Placement, at_rest
 from jaxdem.numerics.stages import stage
 from jaxdem.numerics.static import static
@@ -189,8 +189,7 @@ class WallsInFluid:
             units = tuple(self._unit_swept(still, cut, now, means, piston) for piston in self.pistons)
             gaps = gaps_of(self.grid, self.pistons, now)
             cut = cut._replace(unit_swept=units, interval=duration, piston_gaps=gaps)
-        xp = namespace(now[0])
-        cut = cut._replace(distance=xp.min(xp.stack([on_corners(self.grid, d) for d in now]), axis=0))
+        cut = cut._replace(distance=least_of([on_corners(self.grid, d) for d in now]))
         cut = self._opened(cut, now, numbers, end)
         return cut, self._swept(still, cut, now, means)
 
@@ -299,7 +298,7 @@ class WallsInFluid:
         xp, changing = namespace(distances[0]), {surface.number for surface in self.change_place}
         distances = [on_corners(self.grid, d) for d in distances]
         kept = [d for k, d in enumerate(distances) if k not in changing]
-        nearest = xp.min(xp.stack(kept), axis=0) if kept else xp.full_like(distances[0], xp.inf)
+        nearest = least_of(kept) if kept else xp.full_like(distances[0], xp.inf)
         bodies = []
         for wall in sorted({surface.wall for surface in self.change_place}):
             numbers = [surface.number for surface in self.change_place if surface.wall == wall]
