@@ -9,8 +9,9 @@ walls too.
 
 from __future__ import annotations
 
-import itertools
+import functools
 import math
+from collections.abc import Callable
 
 import jax.numpy as jnp
 from jax import Array
@@ -55,15 +56,16 @@ def kernel_weights(
         _axis_weights(grid, axis, half_width[axis], position[:, axis], halo, None if own is None else own[axis])
         for axis in range(grid.dimension)
     )
-    index, weight, counts = [], [], grid.cells if halo is None else halo.cells
-    for combination in itertools.product(*(range(i.shape[1]) for i, _ in per_axis)):
-        flat, product = xp.zeros((), xp.int32), xp.ones((), position.dtype)
-        for axis, column in enumerate(combination):
-            flat = flat * counts[axis] + per_axis[axis][0][:, column]
-            product = product * per_axis[axis][1][:, column]
-        index.append(flat)
-        weight.append(product)
-    return Weights(xp.stack(index, axis=1), xp.stack(weight, axis=1), halo=halo, along_axes=per_axis)
+    index, weight = xp.zeros((len(position), 1), xp.int32), xp.ones((len(position), 1), position.dtype)
+    for count, (cells, own_weight) in zip(grid.cells if halo is None else halo.cells, per_axis, strict=True):
+        index = _of_both(index * count, cells, xp.add)
+        weight = _of_both(weight, own_weight, xp.multiply)
+    return Weights(index, weight, halo=halo, along_axes=per_axis)
+
+
+def _of_both(one: Array, other: Array, function: Callable[[Array, Array], Array]) -> Array:
+    """Of every pair of columns, (N, A) and (N, B), those of `other` fastest: (N, A B)."""
+    return function(one[:, :, None], other[:, None, :]).reshape(len(one), one.shape[1] * other.shape[1])
 
 
 def each_cell_once(weights: Weights) -> Weights:
@@ -78,9 +80,7 @@ def each_cell_once(weights: Weights) -> Weights:
         same = cells[:, :, None] == cells[:, None, :]
         first = jnp.argmax(same, axis=2) == jnp.arange(cells.shape[1])[None]
         rows.append(jnp.where(first, jnp.sum(jnp.where(same, weight[:, None, :], 0.0), axis=2), 0.0))
-    columns = itertools.product(*(range(row.shape[1]) for row in rows))
-    products = [math.prod(row[:, k] for row, k in zip(rows, own, strict=True)) for own in columns]
-    return weights._replace(weight=jnp.stack(products, axis=1))
+    return weights._replace(weight=functools.reduce(lambda one, other: _of_both(one, other, jnp.multiply), rows))
 
 
 def cells_under(half_width: float, spacing: float) -> int:

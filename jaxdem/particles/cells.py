@@ -104,15 +104,15 @@ class CellGrid:
 
     def around(self, cells: Vector) -> Array:
         """(M, N) columns of the M cells in which neighbours are looked for; the own cell is the first."""
-        offsets = [_offsets(n, wraps) for n, wraps in zip(self.shape, self.periodic, strict=True)]
-        rows = []
-        for offset in itertools.product(*offsets):
-            moved = [
-                jnp.mod(cell + step, n) if wraps else cell + step
-                for cell, step, n, wraps in zip(cells, offset, self.shape, self.periodic, strict=True)
-            ]
-            rows.append(self.flat(tuple(moved)))
-        return jnp.stack(rows)
+        # Along an axis of the result for every axis of the box: cells are moved once an axis, not once for each of M.
+        dimension, moved = len(cells), []
+        for axis, (cell, n, wraps) in enumerate(zip(cells, self.shape, self.periodic, strict=True)):
+            offsets = np.array(_offsets(n, wraps), np.int32)
+            step = offsets.reshape([-1 if k == axis else 1 for k in range(dimension + 1)])
+            along = cell.reshape((1,) * dimension + cell.shape) + step
+            moved.append(jnp.mod(along, n) if wraps else along)
+        found = self.flat(tuple(moved))
+        return found.reshape(math.prod(found.shape[:-1]), found.shape[-1])
 
     def flat(self, cells: Vector) -> Array:
         """(N,) column of the table: the row-major index in the padded grid, or one shared with far cells."""
