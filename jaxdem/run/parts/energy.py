@@ -9,6 +9,7 @@ import numpy as np
 
 from jaxdem.devices.mesh import SAME, SLABS, STATE, on_host, on_slabs
 from jaxdem.devices.parameters import spread
+from jaxdem.devices.simulation import DividedSimulation
 from jaxdem.errors import required
 from jaxdem.numerics.blocks import total
 from jaxdem.numerics.host import on_device
@@ -104,16 +105,30 @@ _stored = jax.jit(stored_in_particles, compiler_options=QUICKLY)
 
 def _stored_in_slabs(parameters: Parameters, slabs: InSlabs) -> StoredEnergy:
     """The same of a state in slabs; every process must call it."""
-    mesh, simulation = required(slabs.simulation.mesh, "mesh"), slabs.simulation.of_slab()
+    simulation = slabs.simulation
+    found: StoredEnergy = on_host(
+        _stored_of_slabs(simulation, simulation.on_devices(parameters), slabs.state, slabs.neighbors)
+    )
+    return found
+
+
+def _of_slabs(
+    simulation: DividedSimulation, parameters: Parameters, state: State, neighbors: Neighbors
+) -> StoredEnergy:
+    own = simulation.of_slab()
 
     def of_all(parameters: Parameters, state: State, neighbors: Neighbors) -> StoredEnergy:
-        particles = required(state.particles, "state.particles")
-        return total(simulation.cut, stored_in_particles(simulation, parameters, particles, neighbors, state.step))
+        return total(
+            own.cut,
+            stored_in_particles(own, parameters, required(state.particles, "state.particles"), neighbors, state.step),
+        )
 
-    given = slabs.simulation.on_devices(parameters), slabs.state, slabs.neighbors
-    program = jax.jit(on_slabs(mesh, of_all, (spread(given[0]), STATE, SLABS), SAME), compiler_options=QUICKLY)
-    found: StoredEnergy = on_host(program(*given))
+    mesh = required(simulation.mesh, "mesh")
+    found: StoredEnergy = on_slabs(mesh, of_all, (spread(parameters), STATE, SLABS), SAME)(parameters, state, neighbors)
     return found
+
+
+_stored_of_slabs = jax.jit(_of_slabs, compiler_options=QUICKLY)
 
 
 def _givers(case: Case) -> list[str]:
