@@ -14,6 +14,7 @@ from jaxdem.devices import contacts, distribution
 from jaxdem.devices.simulation import divided
 from jaxdem.failures import Failure, failures
 from jaxdem.particles import slab_history
+from jaxdem.particles.neighbors import Room, RowRoom
 from jaxdem.run.placement import OneDevice, Slabs
 from jaxdem.setup.builder import build_case
 from tests.cases.slabs import apart
@@ -85,12 +86,12 @@ def planets():
 class Compared:
     """A scene on one device and in slabs, interval by interval."""
 
-    def __init__(self, scene, number):
+    def __init__(self, scene, number, room=None):
         self.simulation, self.parameters = jaxdem.build(scene)
         self.divided, _ = jaxdem.build(scene, devices=number)
         assert self.divided.search.levels is not None
         self.one = jaxdem.initial_state(scene, self.simulation, self.parameters)
-        self.slabs = devices.distributed(self.divided, self.parameters, *self.one)
+        self.slabs = devices.distributed(self.divided, self.parameters, *self.one, room)
         self.force = 0.0
         self.steps = jax.jit(self.simulation.step), jax.jit(self.divided.step)
 
@@ -137,8 +138,9 @@ class Compared:
 @pytest.mark.parametrize("number", tiered([1, 2, 4], first=[4]))
 def test_a_pack_of_wide_sizes_that_drifts_through_slabs_keeps_its_contacts(number):
     """Rounding errors grow in a pack of wide sizes, a hundredfold in eight intervals, so that what comes of a single
-    interval is compared more strictly."""
-    both = Compared(pack(), number)
+    interval is compared more strictly. Four slabs have room for all of it: every further room is a program."""
+    room = devices.SlabRoom(192, 128, 96, Room(12, 900, 6, rows=RowRoom(8, 64, 4)))
+    both = Compared(pack(), number, room if number == 4 else None)
     both.go_on(1)
     off, others, touching = both.difference()
     assert off < 2e-12 and not others and touching > 300
@@ -152,6 +154,7 @@ def test_a_pack_of_wide_sizes_that_drifts_through_slabs_keeps_its_contacts(numbe
     both.go_on(1)
     off, others, _ = both.difference()
     assert off < 2e-12 and not others
+    assert number < 4 or both.steps[1]._cache_size() == 1, "one room, one program"
 
 
 def all_copies(slabs):
