@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+from functools import cache
 from pathlib import Path
 
 import jaxdem
@@ -83,14 +84,19 @@ def imported(path):
                 yield deeper if deeper in MODULES else str(node.module)
 
 
-IMPORTS = {
-    module: {name for name in imported(path) if name.split(".")[0] == "jaxdem"} for module, path in MODULES.items()
-}
+@cache
+def imports():
+    """Of every module those of jaxdem that it imports; once, and not where tests are only collected."""
+    return {
+        module: {name for name in imported(path) if name.split(".")[0] == "jaxdem"} for module, path in MODULES.items()
+    }
+
+
 FLOOR = {room: number for number, rooms in enumerate(FLOORS) for room in rooms}
 
 
 def rooms_imported(module):
-    return {part(name) for name in IMPORTS[module]} - {part(module)}
+    return {part(name) for name in imports()[module]} - {part(module)}
 
 
 def test_every_room_has_a_floor():
@@ -144,7 +150,7 @@ def test_there_is_no_circle_of_modules():
         if module in done:
             return
         path.append(module)
-        for name in sorted(IMPORTS[module] & set(MODULES) - {"jaxdem"}):
+        for name in sorted(imports()[module] & set(MODULES) - {"jaxdem"}):
             if not module.startswith(name + "."):  # a package runs its __init__ before its modules
                 visit(name)
         path.pop()

@@ -82,18 +82,22 @@ HEAT = {
 }  # fmt: skip
 
 
-def test_a_pack_drifts_over_all_borders(monkeypatch, intervals=90):
-    """Bodies of three shapes collide, turn, roll, rub and conduct heat, and go by most of the box along both periodic
-    axes. At the start those of a slab are as warm, so that heat crosses both planes between the two. Without the angles
-    that the neighbours send, all is different. More slabs differ by who their neighbours are, as those of spheres do:
-    test_particles.py."""
+def warm_slab():
+    """Bodies of three shapes that collide, turn, roll, rub and conduct heat, and go by most of the box along both
+    periodic axes in 90 intervals; in two slabs, those of one as warm. What `pair_of` gives, and the temperatures."""
     scene = scene_of(drift=(2.4, 1.0), heat=HEAT, coupling={"interval": 1e-3})
     simulation, divided, parameters, one, _ = pair_of(scene, 2)
-    start = one[0].particles
-    ahead = np.asarray(start.position)[:, 0] > 0.5 * simulation.box[0]
+    ahead = np.asarray(one[0].particles.position)[:, 0] > 0.5 * simulation.box[0]
     first = np.where(ahead, 80.0, 20.0)
     one = one[0]._replace(scalars=one[0].scalars._replace(grains=jnp.asarray(first))), one[1]
-    slabs = devices.distributed(divided, parameters, *one)
+    return simulation, divided, parameters, one, devices.distributed(divided, parameters, *one), first
+
+
+def test_a_pack_drifts_over_all_borders(intervals=90):
+    """All is as on one device, and heat crosses both planes between the two slabs. More slabs differ by who their
+    neighbours are, as those of spheres do: test_particles.py."""
+    simulation, divided, parameters, one, slabs, first = warm_slab()
+    start, ahead = one[0].particles, first > 50.0
     state, neighbors, _ = run(simulation, parameters, *one, intervals)
     many, lists, _ = run(divided, parameters, *slabs, intervals)
     whole, contacts = devices.gathered(divided, many, lists)
@@ -114,6 +118,13 @@ def test_a_pack_drifts_over_all_borders(monkeypatch, intervals=90):
     assert np.abs(energies[2][1] - energies[0][1]).max() < 1e-13 * scale, "momentum is kept"
     assert abs(energies[2][0] / energies[1][0] - 1.0) < 1e-12
     assert energies[1][0] < 0.999 * energies[0][0], "collisions take energy"
+
+
+@COMBINATION
+def test_without_the_angles_that_the_neighbours_send_all_is_different(monkeypatch, intervals=90):
+    """So the comparison above would tell that they are missing."""
+    simulation, divided, parameters, one, slabs, _ = warm_slab()
+    state, _, _ = run(simulation, parameters, *one, intervals)
 
     def silent(division, neighbors, motion, *rest):
         new, *others = slab_steps.refreshed(division, neighbors, motion, *rest)
