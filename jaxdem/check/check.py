@@ -12,6 +12,7 @@ import numpy as np
 from jaxdem.check.bond_numbers import bond_numbers
 from jaxdem.check.cautions import cautions
 from jaxdem.check.clump_rows import clump_rows
+from jaxdem.check.drive import drive_cautions
 from jaxdem.check.engineering import Number, ScreenLoad, engineering_numbers, screen_load
 from jaxdem.check.grain_figures import particle_figures
 from jaxdem.check.heat import heat_numbers
@@ -140,6 +141,7 @@ CAUTIONS: tuple[Callable[[Case], Iterable[str]], ...] = (
     probe_cautions,
     mesh_cautions,
     opening_cautions,
+    drive_cautions,
 )
 """What is said of what seldom does what was meant, in the order of the report."""
 

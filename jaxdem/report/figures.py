@@ -127,7 +127,7 @@ def error_panel(comparison: Comparison) -> Panel:
     if noise > 0:
         lines.append(Series("noise", times, [noise, noise], style.NOISE, "solid"))
     if reference > 0:
-        name = "reference (error 0)"
+        name = "time of the reference (error 0)"
         lines.append(Series(name, [reference, reference], errors, style.REFERENCE, "solid", 1.2))
     return Panel(*axes, [*lines, *marks], times, errors, logarithmic=True)
 

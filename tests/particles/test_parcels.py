@@ -13,6 +13,7 @@ from jaxdem.check.unit_warnings import unit_warnings
 from jaxdem.closures import DRAG_LAWS, DragInputs, PaperNetwork
 from jaxdem.coupling.forces.lift import SaffmanMei
 from jaxdem.particles.integrate import ParticleState
+from jaxdem.study import SCENES
 from tests.cases.tiers import tiered
 
 RADIUS = 1e-3
@@ -242,6 +243,20 @@ def test_check_tells_of_the_grain():
     for one, other in zip(of_grains.numbers, of_parcels.numbers, strict=True):
         assert (one.name, one.low) == (other.name, pytest.approx(other.low, rel=1e-9))
     assert "terminal velocity" in [number.name for number in of_parcels.numbers]
+
+
+@pytest.mark.parametrize("changes", [{}, {"particles.coarse_grain": 2.0}])
+def test_check_says_where_a_gradient_does_not_carry_what_is_in_the_box(changes):
+    """The demonstration's grains are carried. As many parcels of four weigh four times as much, and all of it falls."""
+    warnings = check_scene(jaxdem.load_scene(SCENES / "clusters_demo.toml", changes)).warnings
+    found = [text for text in warnings if text.startswith("fluid.pressure_gradient")]
+    assert len(found) == len(changes)
+    if found:
+        # s = 2752 * 4 (pi/6) d^3 / (9 mm x 18 mm x d)
+        solids = 2752 * 4 * np.pi / 6.0 * 75e-6**2 / (9e-3 * 18e-3)
+        load = 9.81 * (1500.0 * solids + 1.3 * (1.0 - solids))
+        assert f"[0, {-load:.6g}] Pa/m" in found[0]
+        assert f"gain {9.81 * (1.0 - 747.08 / load):.3g} m/s" in found[0]
 
 
 @pytest.mark.parametrize(("radius", "warnings"), [(0.1, 0), (0.3, 1)])
