@@ -231,7 +231,7 @@ def test_walls_have_names():
         jaxdem.load_scene(SHEET | {"walls": [walls[0] | {"name": "gate"}, walls[1]]})
 
 
-def test_contacts_in_single_precision_have_exact_numbers(monkeypatch):
+def test_contacts_in_single_precision_have_exact_numbers(host_patch):
     """2^24 + 1 is the first whole number that float32 does not have. The sheet has 1 grain and 20 that come."""
     scene = jaxdem.load_scene(SHEET | {"precision": "float32", "probes": [{"name": "a", "kind": "contacts"}]})
     steps = build_case(scene).simulation.steps
@@ -239,7 +239,7 @@ def test_contacts_in_single_precision_have_exact_numbers(monkeypatch):
     with pytest.raises(InputError, match=r'probes\.0\.kind = \'contacts\': .*16777216.*precision = "float64"'):
         scene_probes(scene, steps, particles=2**24 + 1)
     scene_probes(scene.model_copy(update={"precision": "float64"}), steps, particles=2**24 + 1)
-    monkeypatch.setattr("jaxdem.setup.probes.MOST_NUMBERED", 20)
+    host_patch.setattr("jaxdem.setup.probes.MOST_NUMBERED", 20)
     with pytest.raises(InputError, match="the scene has 21"):
         build_case(scene)
 

@@ -45,7 +45,7 @@ def runs(tmp_path_factory):
     return simulate(of_end(END), folder / "whole"), simulate(of_end(HALF), folder / "half"), folder
 
 
-def test_springs_of_meshes_go_on(runs, monkeypatch):
+def test_springs_of_meshes_go_on(runs, host_patch):
     """Beginning in the middle gives the run as a whole, to rounding; contacts that begin anew would slip at first."""
     whole, half, folder = runs
     scene = of_end(END, start={"from": str(half.path)})
@@ -53,7 +53,7 @@ def test_springs_of_meshes_go_on(runs, monkeypatch):
     last = whole.particles(whole.number_of_frames - 1), second.particles(second.number_of_frames - 1)
     for name in ("position", "velocity", "angular_velocity"):
         np.testing.assert_allclose(last[1][name], last[0][name], rtol=0.0, atol=1e-10, err_msg=name)
-    monkeypatch.setattr(started, "kept_of_meshes", lambda start, scene, meshes, lists, blank, rows, springs: blank)
+    host_patch.setattr(started, "kept_of_meshes", lambda start, scene, meshes, lists, blank, rows, springs: blank)
     anew = simulate(scene, folder / "anew").particles(half.number_of_frames - 1)
     assert np.abs(anew["position"] - last[0]["position"]).max() > 1e-7
 
