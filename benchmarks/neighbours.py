@@ -26,6 +26,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script from anywh
 
 import jaxdem
 from jaxdem.closures import NeighborClosure, load_closure
+from jaxdem.closures.neighbor_places import axes_along
 from jaxdem.step import advance_fluid, advance_particles
 from jaxdem.train.neighbor_settings import SIZES
 
@@ -125,13 +126,14 @@ def evaluation(described: jaxdem.Scene, closure: NeighborClosure) -> Parts:
         return coupling.drag.neighbors(closure, mixture.drag_scale, start, inputs)
 
     @jax.jit
-    def search(particles: Any) -> Any:
-        return coupling.drag.surroundings.neighbors(coupling.start(mixture, state.fluid, particles, sampled))
+    def search(particles: Any, inputs: Any) -> Any:
+        start, (axis, _, _) = coupling.start(mixture, state.fluid, particles, sampled), axes_along(inputs.slip_velocity)
+        return coupling.drag.surroundings.neighbors(start, axis)
 
     whole = seconds(lambda: effect(closure, state.particles, inputs))
     first = dataclasses.replace(closure, levels=closure.levels[:1], carried=None)
     level = whole if closure.carried is None else seconds(lambda: effect(first, state.particles, inputs))
-    return Parts(whole, seconds(lambda: search(state.particles)), level)
+    return Parts(whole, seconds(lambda: search(state.particles, inputs)), level)
 
 
 def main() -> None:

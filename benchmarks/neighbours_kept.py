@@ -28,6 +28,7 @@ from jaxdem.closures import NeighborClosure, load_closure
 from jaxdem.closures.neighbor_places import Places, axes_along, fluctuation
 from jaxdem.coupling.surroundings import AT_ONCE
 from jaxdem.particles.integrate import centres_in_box
+from jaxdem.particles.wide_search import Region
 
 GRAINS, SOLID_FRACTION = 1500, 0.3
 SKINS = (0.0, 0.2, 0.4, 0.8)
@@ -50,21 +51,24 @@ def with_skins(closure: NeighborClosure) -> None:
     start = coupling.start(mixture, state.fluid, state.particles, sampled)
     finds = coupling.drag.surroundings
     centres = centres_in_box(state.particles, finds.box, finds.periodic)
-    period = np.asarray(finds.box, centres.dtype)
+    period, axis = np.asarray(finds.box, centres.dtype), axes_along(inputs.slip_velocity)[0]
 
     @jax.jit
     def evaluated(closure: NeighborClosure, others: Any, inputs: Any) -> Any:
-        places = Places(centres, others.T, 2.0 * start.bodies.radius, period)
+        places = Places(centres, others, 2.0 * start.bodies.radius, period)
         frame = axes_along(inputs.slip_velocity)
         return fluctuation(closure, places, frame, inputs.reynolds, inputs.solid_fraction, AT_ONCE)
 
     for skin in SKINS:
-        reach = finds.reach + skin * DIAMETER
-        more = (reach / finds.reach) ** 3
-        wide = dataclasses.replace(
-            finds, reach=reach, slots=int(more * finds.slots) + 2, cell_slots=int(2.0 * more * finds.cell_slots)
+        regions = tuple(Region(*(length + skin * DIAMETER for length in region)) for region in finds.regions)
+        more = max(
+            (wide.along / own.along) * (wide.across / own.across) ** 2
+            for wide, own in zip(regions, finds.regions, strict=True)
         )
-        search = jax.jit(lambda own, wide=wide: wide.neighbors(dataclasses.replace(start, particles=own)))
+        wide = dataclasses.replace(
+            finds, regions=regions, slots=int(more * finds.slots) + 2, cell_slots=int(2.0 * more * finds.cell_slots)
+        )
+        search = jax.jit(lambda own, wide=wide: wide.neighbors(dataclasses.replace(start, particles=own), axis))
         others, _ = search(state.particles)
         took = seconds(lambda others=others: evaluated(closure, others, inputs)) / GRAINS
         passes = f"{took / one_pass:.3g} contact passes"

@@ -109,9 +109,16 @@ class NeighborClosure:
         return cls(tuple(levels), jnp.asarray(scale), jnp.zeros(8, jnp.float32), law, basis, carried, wake)
 
     @property
+    def regions(self) -> tuple[tuple[float, float], ...]:
+        """Half lengths along the slip and across it of the ellipsoids in which neighbours count [diameters]."""
+        bases = [basis for basis in (self.basis, self.carried, self.wake) if basis is not None]
+        every = {(basis.reach * basis.stretch, basis.reach) for basis in bases}
+        return tuple(sorted(one for one in every if not any(_holds(other, one) for other in every - {one})))
+
+    @property
     def reach(self) -> float:
         """Diameters within which neighbours count [-]."""
-        return max(basis.length for basis in (self.basis, self.carried, self.wake) if basis is not None)
+        return max(max(region) for region in self.regions)
 
     @property
     def half_box(self) -> float:
@@ -148,6 +155,10 @@ class NeighborClosure:
         across = scale[:, 1:2] * values[:, 1:3]
         torque = jnp.concatenate([scale[:, 2:3] * values[:, 3:4], scale[:, 3:] * values[:, 4:]], axis=1)
         return Response(weight * along, weight[:, None] * across, weight[:, None] * torque, weight)
+
+
+def _holds(larger: tuple[float, float], smaller: tuple[float, float]) -> bool:
+    return all(a >= b for a, b in zip(larger, smaller, strict=True))
 
 
 def positive_multiple(multiple: Array) -> Array:

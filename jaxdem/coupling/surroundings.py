@@ -19,9 +19,10 @@ from jaxdem.numerics.batches import cond_in_batch
 from jaxdem.numerics.blocks import Blocks, any_of
 from jaxdem.numerics.static import static
 from jaxdem.numerics.vectors import components
-from jaxdem.particles.cells import CellGrid, neighbors_in_cells
+from jaxdem.particles.cells import CellGrid
 from jaxdem.particles.ghosts import Division
 from jaxdem.particles.integrate import centres_in_box
+from jaxdem.particles.wide_search import Region, neighbors_in_regions
 
 MEMORY = "neighbors"
 """Name of what is held in `ParticleState.fluid_memory`."""
@@ -39,7 +40,7 @@ class Surroundings:
     Attributes:
         box: side lengths [m].
         periodic: whether each axis is periodic.
-        reach: of the closure [m].
+        regions: of the closure, about the slip.
         diameter: of the largest particles [m].
         slots: room for neighbours of a particle.
         cell_slots: room for particles in a column of the search's table.
@@ -49,12 +50,17 @@ class Surroundings:
 
     box: tuple[float, ...]
     periodic: tuple[bool, ...]
-    reach: float
+    regions: tuple[Region, ...]
     diameter: float
     slots: int
     cell_slots: int
     held: int = 1
     division: Division | None = None
+
+    @property
+    def reach(self) -> float:
+        """Farthest that a neighbour counts [m]."""
+        return max(region.reach for region in self.regions)
 
     def in_blocks(self, blocks: Blocks, drift: float) -> Surroundings:
         """The same in one slab of the box, whose particles may stand `drift` outside of it [m]."""
@@ -92,10 +98,11 @@ class Surroundings:
     def response(self, closure: NeighborClosure, start: IntervalStart, inputs: DragInputs, frame: Frame) -> Response:
         """What the neighbours add to the mean force, where they are now; zero where there was no room for all."""
         beyond = self.beyond(start)
-        others, full = self.neighbors(start, beyond)
+        others, full = self.neighbors(start, frame[0], beyond)
+        full = full if beyond is None else full | beyond.lacking
         centres = self._centres(start) if beyond is None else beyond.centres
         periods = [side if wraps else 0.0 for side, wraps in zip(self.box, self.periodic, strict=True)]
-        places = Places(centres, others.T, 2.0 * start.bodies.radius, jnp.asarray(periods, centres.dtype))
+        places = Places(centres, others, 2.0 * start.bodies.radius, jnp.asarray(periods, centres.dtype))
         spread = None if beyond is None else beyond.spread
         found = fluctuation(closure, places, frame, inputs.reynolds, inputs.solid_fraction, AT_ONCE, spread)
         room = jnp.where(full, 0.0, 1.0).astype(centres.dtype)
@@ -124,27 +131,23 @@ class Surroundings:
         columns are those of `_held`."""
         return None if self.held == 1 else jnp.zeros((slip.shape[0], 9), slip.dtype)
 
-    def neighbors(self, start: IntervalStart, beyond: FarGhosts | None = None) -> tuple[Array, Array]:
-        """(K, N) int32, who is in reach of every particle, itself in an empty slot; and (N,) bool, whether there was no
-        room for all of them, as in a dense pack, which is out of the closure's range. A dense pack elsewhere in the box
-        does not matter to a particle. Numbers from N on are of the ghosts `beyond` the slab."""
-        count = start.particles.position.shape[0]
+    def neighbors(self, start: IntervalStart, axis: Array, beyond: FarGhosts | None = None) -> tuple[Array, Array]:
+        """(N, K) int32, who is in the regions about every particle, itself in an empty slot; and (N,) bool, whether
+        there was no room for all of them, as in a dense pack, which is out of the closure's range. A dense pack
+        elsewhere in the box does not matter to a particle. Numbers from N on are of the ghosts `beyond` the slab.
+
+        Args:
+            start: of the interval.
+            axis: (N, 3) unit vectors along the slip.
+            beyond: see `beyond`.
+        """
         if beyond is None:
-            centres, active = components(self._centres(start)), start.particles.active
+            centres, active = self._centres(start), start.particles.active
         else:
-            centres, active = components(beyond.centres), beyond.there
-        own = jnp.arange(len(centres[0]), dtype=jnp.int32)
-        grid = CellGrid(self.box, self.periodic, self.reach, len(own))
-        given = lax.stop_gradient(centres)
-        others, _ = neighbors_in_cells(grid, given, self.slots, self.cell_slots, active)
-        cells = grid.cells(given)
-        there = 1 if active is None else active.astype(jnp.int32)
-        held = jnp.zeros(grid.columns, jnp.int32).at[grid.flat(cells)].add(there)
-        crowded = jnp.any((held > self.cell_slots)[grid.around(cells)], axis=0)
-        full = (others[-1] != own) | crowded
-        if beyond is None:
-            return others, full
-        return others[:, :count], full[:count] | beyond.lacking
+            centres, active = beyond.centres, beyond.there
+        grid = CellGrid(self.box, self.periodic, self.reach, len(centres))
+        places, axes = (components(lax.stop_gradient(vectors)) for vectors in (centres, axis))
+        return neighbors_in_regions(grid, places, axes, self.regions, self.slots, self.cell_slots, active)
 
 
 def _held(found: Response, frame: Frame, left: Array) -> Array:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+
+import numpy as np
 
 from jaxdem.closures.base import DragClosure
 from jaxdem.closures.neighbor_range import DENSEST
@@ -10,11 +13,14 @@ from jaxdem.closures.neighbors import NeighborClosure
 from jaxdem.coupling.surroundings import Surroundings
 from jaxdem.errors import InputError
 from jaxdem.particles.cells import CellGrid
+from jaxdem.particles.wide_search import Region
 from jaxdem.scene import Scene
 from jaxdem.setup.particles import ParticleSetup
 
 EXTRA_ROOM = 1.15
 """Room for neighbours and in a cell, over their numbers at the solid fraction from which on the mean law acts alone."""
+DISCS = 1000
+"""Into which half of the regions of a closure is cut to know their volume."""
 LARGEST_RATIO = 1.1
 """Largest over smallest diameter up to which spheres count as equal."""
 
@@ -46,10 +52,19 @@ def surroundings_of(scene: Scene, particles: ParticleSetup, closure: DragClosure
     count = particles.total
     grid = CellGrid(scene.domain.size, scene.periodic, reach, count)
     widths = (length / cells for length, cells in zip(scene.domain.size, grid.shape, strict=True))
-    crowd = EXTRA_ROOM * DENSEST * (2.0 * closure.reach) ** 3
+    crowd = EXTRA_ROOM * DENSEST * _volume(closure.regions) / (math.pi / 6.0)
     in_cell = EXTRA_ROOM * DENSEST * math.prod(widths) / (math.pi / 6.0 * diameter**3)
     slots, cell_slots = (max(1, min(count, math.ceil(number) + 2)) for number in (crowd, in_cell))
-    return Surroundings(scene.domain.size, scene.periodic, reach, diameter, slots, cell_slots, scene.closure.hold)
+    regions = tuple(Region(along * diameter, across * diameter) for along, across in closure.regions)
+    return Surroundings(scene.domain.size, scene.periodic, regions, diameter, slots, cell_slots, scene.closure.hold)
+
+
+def _volume(regions: Sequence[tuple[float, float]]) -> float:
+    """Volume of ellipsoids about one axis, half lengths along it and across it, where they overlap once; by discs."""
+    width = max(along for along, _ in regions) / DISCS
+    x = (np.arange(DISCS) + 0.5) * width
+    squared = [across**2 * (1.0 - (x / along) ** 2) for along, across in regions]
+    return float(2.0 * math.pi * width * np.maximum(np.max(squared, axis=0), 0.0).sum())
 
 
 def _refuse_others(scene: Scene, particles: ParticleSetup) -> None:
