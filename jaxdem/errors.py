@@ -60,6 +60,21 @@ def require_whole(of: object, names: Iterable[str], least: int) -> None:
                 raise InputError(name, value, f"must be a whole number from {least} up", "Give one.")
 
 
+def require_kinds(remedy: str, **given: tuple[object, type]) -> None:
+    """Refuses arguments of another kind, such as two in the wrong order.
+
+    Args:
+        remedy: what to give.
+        given: by the name of each argument its value and the class that it must be of.
+
+    Raises:
+        InputError: naming the first of them.
+    """
+    for name, (value, kind) in given.items():
+        if not isinstance(value, kind):
+            raise InputError(name, type(value).__name__, f"is no {kind.__name__}", remedy)
+
+
 def required(part: Part | None, name: str) -> Part:
     """A part that not every scene has, where it is needed.
 

@@ -28,7 +28,7 @@ from jaxdem.coupling.coupled import Coupling, Mixture
 from jaxdem.coupling.exchange import Exchange
 from jaxdem.coupling.exchange_result import FluidForces
 from jaxdem.coupling.interpolation import deposit_on_faces
-from jaxdem.errors import InputError, required
+from jaxdem.errors import InputError, require_kinds, required
 from jaxdem.failures import failures
 from jaxdem.fluid.fluid_state import FaceExchange, FluidState, FluidStep
 from jaxdem.fluid.grid import FaceField, Grid, face_control_volume, sum_of
@@ -296,11 +296,9 @@ def _require(parameters: object, state: object, **fields: object) -> None:
     Raises:
         InputError: naming the first.
     """
-    kinds: list[tuple[str, object, type]] = [("parameters", parameters, Parameters), ("state", state, State)]
-    for name, value, kind in (*kinds, *((name, given, FluidFields) for name, given in fields.items())):
-        if not isinstance(value, kind):
-            remedy = "give parameters, state, the list where one is asked for, and fields as jaxdem.FluidFields"
-            raise InputError(name, type(value).__name__, f"is no {kind.__name__}", remedy)
+    remedy = "give parameters, state, the list where one is asked for, and fields as jaxdem.FluidFields"
+    of_fluid = {name: (given, FluidFields) for name, given in fields.items()}
+    require_kinds(remedy, parameters=(parameters, Parameters), state=(state, State), **of_fluid)
 
 
 def _gained(faces: FaceExchange, velocity: FaceField) -> FaceField:

@@ -7,7 +7,7 @@ import dataclasses
 import jax
 from jax import Array
 
-from jaxdem.errors import InputError, required
+from jaxdem.errors import InputError, require_kinds, required
 from jaxdem.numerics import vectors
 from jaxdem.numerics.compensated import Low
 from jaxdem.numerics.placement import Placement
@@ -31,7 +31,15 @@ class Simulation(Structure):
     def step(
         self, parameters: Parameters, state: State, neighbors: Neighbors | None
     ) -> tuple[State, Neighbors | None, Diagnostics]:
-        """State and neighbour list after one coupling interval; see `jaxdem.step`."""
+        """State and neighbour list after one coupling interval; see `jaxdem.step`.
+
+        Raises:
+            InputError: an argument is of another kind.
+        """
+        remedy = "give parameters, state and neighbors, as jaxdem.build and jaxdem.initial_state make them"
+        require_kinds(remedy, parameters=(parameters, Parameters), state=(state, State))
+        if self.contact is not None:
+            require_kinds(remedy, neighbors=(neighbors, Neighbors))
         return step(self, parameters, state, neighbors)
 
     def reversible(self) -> Simulation:
@@ -58,7 +66,12 @@ class Simulation(Structure):
         placed: tuple[Placement | None, ...] = (),
     ) -> Neighbors:
         """A neighbour list with room for these positions, or with exactly so much room; not jittable. Meshes are where
-        `placed` has them, see `Structure.placed`; empty for their places without motion."""
+        `placed` has them, see `Structure.placed`; empty for their places without motion.
+
+        Raises:
+            InputError: an argument is of another kind.
+        """
+        _require_particles(parameters, particles)
         bodies = required(parameters.bodies, "parameters.bodies")
         if room is None:
             room = self.room(parameters, particles)
@@ -69,7 +82,8 @@ class Simulation(Structure):
         return made if stood is None else dataclasses.replace(made, bodies=stood)
 
     def room(self, parameters: Parameters, particles: ParticleState) -> Room:
-        """What a list needs room for at these positions; nothing is compiled."""
+        """What a list needs room for at these positions; nothing is compiled. Refuses what `allocate` does."""
+        _require_particles(parameters, particles)
         bodies = required(parameters.bodies, "parameters.bodies")
         _, particles, radius = _spheres(particles, bodies)
         position = _on_host(particles)[0]
@@ -90,7 +104,13 @@ class Simulation(Structure):
         return dataclasses.replace(made, bodies=shapes)
 
     def with_room(self, state: State, neighbors: Neighbors, room: Room) -> tuple[State, Neighbors]:
-        """State and list with more room, the pairs and what they keep as before; not jittable."""
+        """State and list with more room, the pairs and what they keep as before; not jittable.
+
+        Raises:
+            InputError: an argument is of another kind.
+        """
+        remedy = "give state and neighbors, and the room as Simulation.room gives it"
+        require_kinds(remedy, state=(state, State), neighbors=(neighbors, Neighbors), room=(room, Room))
         particles = required(state.particles, "state.particles")
         placed = tuple(mesh.placement for mesh in neighbors.meshes)  # where the list was made
         active = particles.active
@@ -104,6 +124,11 @@ class Simulation(Structure):
             memory = jax.jit(carry_memory)(memory, neighbors, wider)
         wider = dataclasses.replace(wider, builds=neighbors.builds, bodies=neighbors.bodies)
         return state._replace(particles=particles._replace(contact_spring=springs, mesh_memory=memory)), wider
+
+
+def _require_particles(parameters: object, particles: object) -> None:
+    remedy = "give parameters, and the particles of a state: state.particles"
+    require_kinds(remedy, parameters=(parameters, Parameters), particles=(particles, ParticleState))
 
 
 def _spheres(particles: ParticleState, bodies: ParticleProperties) -> tuple[Placed | None, ParticleState, Array]:
@@ -155,10 +180,8 @@ def neighbors_from_jax_md(
             under jit, grad or vmap) also: its reference positions are not those of the state, or a pair in reach is not
             in it, as with another box.
     """
-    for name, value, kind in (("simulation", simulation, Simulation), ("state", state, State)):
-        if not isinstance(value, kind):
-            remedy = "give simulation, state, neighbors and the list of jax-md, in this order"
-            raise InputError(name, type(value).__name__, f"is no {kind.__name__}", remedy)
+    remedy = "give simulation, state, neighbors and the list of jax-md, in this order"
+    require_kinds(remedy, simulation=(simulation, Simulation), state=(state, State))
     if simulation.contact is None or state.particles is None:
         raise InputError("simulation", "no particles", "a neighbour list needs some", "add [particles] to the scene")
     if simulation.cut is not None:

@@ -38,6 +38,12 @@ class EnsembleClosure:
 
     members: PaperNetwork | InvariantClosure
 
+    def __post_init__(self) -> None:
+        """Refuses a number, a text or a list of closures; JAX makes trees with other things in the place of members."""
+        if isinstance(self.members, int | float | str | list | tuple):
+            limit = "is no closure whose arrays have the members along a first axis"
+            raise InputError("members", self.members, limit, "Make it by EnsembleClosure.of(closures).")
+
     @classmethod
     def of(cls, closures: Sequence[PaperNetwork | InvariantClosure]) -> EnsembleClosure:
         """The ensemble of at least two closures of one structure.
@@ -46,6 +52,8 @@ class EnsembleClosure:
             InputError: fewer than two, what is no learned closure, or closures that differ in kind, base law, layers,
                 activation, terms, features or bound.
         """
+        if not isinstance(closures, Sequence) or isinstance(closures, str):
+            raise InputError("ensemble", closures, "is no list of closures", "Give those that were trained.")
         if len(closures) < 2:
             raise InputError("ensemble", len(closures), "needs at least two members", "Train more networks.")
         for one in closures:

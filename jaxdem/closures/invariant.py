@@ -150,6 +150,8 @@ class InvariantClosure:
         """
         check_terms(terms)
         check_features(features)
+        if not isinstance(bounded, bool):
+            raise InputError("bounded", bounded, "is neither True nor False", "Give one of them.")
         size = len(features)
         infinity = jnp.full(size, jnp.inf, jnp.float32)
         return cls(
@@ -211,8 +213,14 @@ def corrected(prepared: PreparedInputs, output: Array, inside: Array, bounded: b
     return Drag(coefficient, remainder, prepared.out_of_range | ~inside)
 
 
+def _check_names(name: str, given: object) -> None:
+    if not isinstance(given, Sequence) or isinstance(given, str):
+        raise InputError(name, given, "is no list of names", "Give a list, such as ().")
+
+
 def check_terms(terms: Sequence[str]) -> None:
     """Raise InputError for a term that is not in `TERMS` or is named twice."""
+    _check_names("terms", terms)
     unknown = [name for name in terms if name not in TERMS]
     if unknown or len(set(terms)) != len(terms):
         raise InputError("terms", tuple(terms), f"must be names from {TERMS}, each once", "Correct the names.")
@@ -220,6 +228,7 @@ def check_terms(terms: Sequence[str]) -> None:
 
 def check_features(features: Sequence[str]) -> None:
     """Raise InputError for features that are not some of `FEATURES` and `FURTHER_FEATURES` in their order."""
+    _check_names("features", features)
     known = FEATURES + FURTHER_FEATURES
     if not features or tuple(features) != tuple(name for name in known if name in features):
         limit = f"must be names from {known}, each once, in this order"

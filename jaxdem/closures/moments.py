@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from numbers import Real
 
 import jax.numpy as jnp
 from jax import Array
 
+from jaxdem.errors import InputError, require_whole
 from jaxdem.numerics.products import PRECISION
 from jaxdem.numerics.static import static
 
@@ -38,6 +40,20 @@ class MomentBasis:
     order: int
     stretch: float = 1.0
     decay: int = 2
+
+    def __post_init__(self) -> None:
+        """Refuses numbers for which there are no functions."""
+        require_whole(self, ("radial",), 1)
+        require_whole(self, ("degree", "order"), 0)
+        require_whole(self, ("decay",), 2)
+        for name, least in (("reach", 1.0), ("stretch", 0.0)):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, Real) or not least < float(value) < math.inf:
+                raise InputError(name, value, f"must be a number above {least:g}", "Give one.")
+        if self.order > self.degree:
+            raise InputError("order", self.order, f"is above the degree {self.degree}", "Give a smaller one.")
+        if self.decay % 2:
+            raise InputError("decay", self.decay, "is odd", "Give an even one.")
 
     @property
     def length(self) -> float:

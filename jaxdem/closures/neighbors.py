@@ -19,6 +19,7 @@ from jaxdem.closures.neighbor_level import LARGE, ORDER, Level, Width
 from jaxdem.closures.neighbor_range import conditions, presence, quartic, range_weight
 from jaxdem.closures.network import base_law, constant
 from jaxdem.closures.tang import Tang
+from jaxdem.errors import InputError, is_whole, require_kinds
 from jaxdem.numerics.products import PRECISION
 
 SCALE = (0.25, 0.18, 0.01, 0.03)
@@ -41,6 +42,33 @@ class Response(NamedTuple):
     across: Array
     torque: Array
     weight: Array
+
+
+ORDERS = {"basis": ORDER, "carried": ORDER - 1, "wake": 1}
+"""Largest order of the moments of each basis."""
+
+
+def _require(basis: object, carried: object, wake: object, widths: object, seed: object) -> None:
+    """Refuses arguments of `NeighborClosure.initial` that are of another kind."""
+    remedy = "Give a MomentBasis of jaxdem.closures.moments."
+    given = {"basis": basis} | {name: one for name, one in (("carried", carried), ("wake", wake)) if one is not None}
+    require_kinds(remedy, **{name: (one, MomentBasis) for name, one in given.items()})
+    for name, one in given.items():
+        if isinstance(one, MomentBasis) and one.order != ORDERS[name]:
+            limit = f"has the order {one.order}, and its moments are of {ORDERS[name]}"
+            raise InputError(name, one, limit, "Give a basis of that order.")
+    needed = 1 if carried is None else 2
+    if not isinstance(widths, Sequence) or len(widths) < needed or not all(map(_is_width, widths)):
+        limit = f"is no list of {needed} or more widths"
+        raise InputError("widths", widths, limit, "Give (Width(scalars, channels, (hidden, ...)), ...).")
+    if not is_whole(seed) or seed < 0:  # type: ignore[operator]
+        raise InputError("seed", seed, "must be a whole number from 0 up", "Give one.")
+
+
+def _is_width(value: object) -> bool:
+    if not isinstance(value, tuple) or len(value) != 3 or not isinstance(value[2], Sequence):
+        return False
+    return all(is_whole(size) and size >= 1 for size in (*value[:2], *value[2]))
 
 
 @partial(
@@ -94,7 +122,12 @@ class NeighborClosure:
         wake: MomentBasis | None = None,
     ) -> NeighborClosure:
         """Random weights, which the host draws; the bases have orders `ORDER`, two and one, the widths are of each
-        level."""
+        level.
+
+        Raises:
+            InputError: an argument is of another kind.
+        """
+        _require(basis, carried, wake, widths, seed)
         counts = [basis.count(order) for order in range(ORDER + 1)]
         if wake is not None:
             counts[:2] = [count + wake.count(order) for order, count in enumerate(counts[:2])]

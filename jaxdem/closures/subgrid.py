@@ -6,6 +6,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from functools import partial
+from numbers import Real
 
 import jax
 import jax.numpy as jnp
@@ -77,8 +78,11 @@ class SubgridClosure:
             seed: of their weights.
 
         Raises:
-            InputError: a coefficient that is not within its bounds.
+            InputError: a coefficient that is no number, or not within its bounds.
         """
+        for name, value in (("viscosity", viscosity), ("gradient", gradient)):
+            if isinstance(value, bool) or not isinstance(value, Real):
+                raise InputError(name, value, "is no number", "Give one.")
         bound = LARGEST_VISCOSITY if viscosity > 0 else -LEAST_VISCOSITY
         for name, value, limit in (("viscosity", viscosity, bound), ("gradient", gradient, LARGEST_GRADIENT)):
             if not abs(value) < limit:

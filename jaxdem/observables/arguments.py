@@ -7,7 +7,31 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from jaxdem.errors import InputError, is_whole
+from jaxdem.errors import InputError, is_whole, require_kinds
+from jaxdem.particles.neighbors import Neighbors
+from jaxdem.state import Diagnostics, Parameters, State
+from jaxdem.structure import Structure
+
+KINDS: dict[str, type] = {
+    "structure": Structure,
+    "parameters": Parameters,
+    "state": State,
+    "before": State,
+    "after": State,
+    "neighbors": Neighbors,
+    "diagnostics": Diagnostics,
+}
+"""What arguments must be, by their names."""
+
+
+def require_arguments(**given: object) -> None:
+    """Refuses arguments that are not of `KINDS`, such as two in the wrong order.
+
+    Raises:
+        InputError: naming the first.
+    """
+    remedy = "give it as jaxdem.build, jaxdem.initial_state or a step makes it, in the order of the arguments"
+    require_kinds(remedy, **{name: (value, KINDS[name]) for name, value in given.items()})
 
 
 def require_numbers(name: str, numbers: Iterable[object], count: int, of: str) -> None:

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxdem.errors import required
+from jaxdem.observables.arguments import require_arguments
 from jaxdem.particles.contact_model import ContactModel
 from jaxdem.particles.contact_step import ContactStep
 from jaxdem.particles.contact_sums import Touching
@@ -46,6 +47,7 @@ def particles_seen(
 
     Arguments are those of `contacts`.
     """
+    require_arguments(structure=structure, parameters=parameters, state=state, neighbors=neighbors)
     particles, bodies = required(state.particles, "particles"), required(parameters.bodies, "parameters.bodies")
     return required(structure.contact, "particles").seen(bodies, particles, neighbors)
 

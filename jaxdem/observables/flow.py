@@ -8,7 +8,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jax import Array
 
-from jaxdem.errors import InputError, required
+from jaxdem.errors import InputError, require_kinds, required
 from jaxdem.fluid.grid import Grid, face_average_along
 from jaxdem.fluid.mesh import face_places
 from jaxdem.fluid.second_fluid import mixture_density
@@ -16,7 +16,7 @@ from jaxdem.numerics import compensated
 from jaxdem.numerics.blocks import Blocks, total
 from jaxdem.numerics.products import PRECISION
 from jaxdem.numerics.static import static
-from jaxdem.observables.arguments import require_numbers
+from jaxdem.observables.arguments import require_arguments, require_numbers
 from jaxdem.particles.integrate import ParticleState, split_low
 from jaxdem.state import Parameters, State
 from jaxdem.structure import Structure
@@ -40,7 +40,9 @@ class Plane:
     upper: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
-        """Refuses a normal of another length, where it has numbers."""
+        """Refuses what is no list of numbers, and a normal of another length, where it has numbers."""
+        if isinstance(self.normal, str) or not hasattr(self.normal, "__len__"):
+            raise InputError("normal", self.normal, "is no list of numbers", "give one for each axis")
         if all(isinstance(part, (int, float)) for part in self.normal) and abs(math.hypot(*self.normal) - 1.0) > 1e-5:
             raise InputError("normal", self.normal, "must be a unit vector", "divide it by its length")
 
@@ -87,6 +89,10 @@ class FluidFlow(NamedTuple):
     mass: Array
 
 
+def _require_plane(plane: object) -> None:
+    require_kinds("give a jaxdem.observables.Plane, such as Plane.across(0, 0.1, 2)", plane=(plane, Plane))
+
+
 def particle_flow(
     structure: Structure, parameters: Parameters, plane: Plane, before: State, after: State
 ) -> ParticleFlow:
@@ -105,6 +111,8 @@ def particle_flow(
         before: state at the start of the interval.
         after: at its end; on several devices with the particles in the rows of `before`.
     """
+    require_arguments(structure=structure, parameters=parameters, before=before, after=after)
+    _require_plane(plane)
     start, end = required(before.particles, "particles"), required(after.particles, "particles")
     bodies = required(parameters.bodies, "parameters.bodies").of_rows(start.identity)
     duration = (after.step - before.step) * jnp.asarray(structure.interval, end.position.dtype)
@@ -182,6 +190,8 @@ def fluid_flow(structure: Structure, parameters: Parameters, plane: Plane, state
         plane: with an axis.
         state: with a fluid.
     """
+    require_arguments(structure=structure, parameters=parameters, state=state)
+    _require_plane(plane)
     fluid, axis = required(state.fluid, "fluid"), required(plane.axis, "axis of a plane for the fluid")
     grid, properties = required(structure.fluid, "fluid").solver.grid, required(parameters.fluid, "parameters.fluid")
     flux = fluid.face_velocity[axis]

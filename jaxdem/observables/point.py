@@ -10,6 +10,7 @@ from jax import Array
 from jaxdem.errors import InputError, required
 from jaxdem.fluid.grid import Grid
 from jaxdem.numerics.blocks import total
+from jaxdem.observables.arguments import require_arguments
 from jaxdem.state import State
 from jaxdem.structure import Structure
 
@@ -42,6 +43,7 @@ def fluid_at(structure: Structure, state: State, points: Array) -> FluidAt:
     Raises:
         InputError: they have another shape.
     """
+    require_arguments(structure=structure, state=state)
     fluid, grid = required(state.fluid, "fluid"), required(structure.fluid, "fluid").solver.grid
     dimension, shape = grid.dimension, getattr(points, "shape", None)
     if shape is None or len(shape) != 2 or shape[1] != dimension:

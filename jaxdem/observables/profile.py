@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxdem.errors import required
+from jaxdem.errors import require_kinds, required
 from jaxdem.fluid.grid import cell_average
 from jaxdem.numerics import vectors
 from jaxdem.numerics.blocks import total
@@ -16,6 +16,7 @@ from jaxdem.numerics.host import namespace
 from jaxdem.numerics.products import PRECISION
 from jaxdem.numerics.stages import stage
 from jaxdem.numerics.vectors import Vector
+from jaxdem.observables.arguments import require_arguments
 from jaxdem.observables.boxes import Box, Boxes, Parts, of_boxes
 from jaxdem.observables.contacts import Contacts, contacts_of, particles_seen
 from jaxdem.observables.lines import Line, contact_lines
@@ -127,6 +128,8 @@ def particle_profile(
         state: with particles.
         neighbors: its list.
     """
+    require_arguments(structure=structure, parameters=parameters, state=state, neighbors=neighbors)
+    _require_boxes(boxes)
     return particle_means(particle_sums(structure, parameters, boxes, state, neighbors))
 
 
@@ -140,7 +143,13 @@ def fluid_profile(structure: Structure, parameters: Parameters, boxes: Boxes, st
         boxes: or slices, see `slices`.
         state: with a fluid.
     """
+    require_arguments(structure=structure, parameters=parameters, state=state)
+    _require_boxes(boxes)
     return fluid_means(fluid_sums(structure, parameters, boxes, state))
+
+
+def _require_boxes(boxes: object) -> None:
+    require_kinds("give jaxdem.observables.Boxes, such as those of slices", boxes=(boxes, Boxes))
 
 
 def particle_means(sums: ParticleSums) -> ParticleProfile:

@@ -8,10 +8,10 @@ from typing import NamedTuple, TypeVar
 import jax.numpy as jnp
 from jax import Array
 
-from jaxdem.errors import InputError, required
+from jaxdem.errors import InputError, require_kinds, required
 from jaxdem.fluid.two_fluids import TwoFluidSolver
 from jaxdem.numerics import vectors
-from jaxdem.observables.arguments import require_numbers
+from jaxdem.observables.arguments import require_arguments, require_numbers
 from jaxdem.state import Diagnostics
 from jaxdem.structure import Structure
 
@@ -47,6 +47,7 @@ def measuring_walls(
         sides: of the box on which the load by the fluid is measured: 2 times the axis, and 1 more for the upper one;
             all if not given.
     """
+    require_kinds("give what jaxdem.build makes", simulation=(simulation, Structure))
     contact, fluid, coupling = simulation.contact, simulation.fluid, simulation.coupling
     if contact is not None:
         measured = tuple(range(contact.model.walls))
@@ -68,6 +69,7 @@ def measuring_walls(
 
 def side_walls(structure: Structure, axis: int, upper: bool) -> tuple[int, ...]:
     """Number of the wall that a side of the box is to the particles; none where they leave."""
+    require_arguments(structure=structure)
     sides = required(structure.contact, "particles").model.sides
     return tuple(k for k, side in enumerate(sides) if (side.axis, side.inward < 0) == (axis, upper))
 
@@ -79,6 +81,7 @@ def mesh_walls(structure: Structure, mesh: int) -> tuple[int, ...]:
 
 def surface_walls(structure: Structure, surfaces: tuple[int, ...]) -> tuple[int, ...]:
     """Numbers of the walls that these surfaces are."""
+    require_arguments(structure=structure)
     first = len(required(structure.contact, "particles").model.sides)
     return tuple(first + k for k in surfaces)
 
@@ -102,6 +105,7 @@ def wall_load(diagnostics: Diagnostics, walls: tuple[int, ...], about: Array) ->
         walls: numbers, from `side_walls` or `surface_walls`.
         about: (D,) the point a [m].
     """
+    require_arguments(diagnostics=diagnostics)
     loads = required(required(diagnostics.particles, "particles").walls, "walls of the diagnostics")
     chosen = list(walls)
     require_numbers("walls", chosen, loads[0][0].shape[0], "walls")
@@ -150,6 +154,7 @@ def torque_in_fluid(diagnostics: Diagnostics, surfaces: tuple[int, ...], about: 
 
 
 def _surface_load(diagnostics: Diagnostics, surfaces: tuple[int, ...]) -> Array:
+    require_arguments(diagnostics=diagnostics)
     loads = required(required(diagnostics.fluid, "fluid").surface_load, "surface_load of the diagnostics")
     require_numbers("surfaces", surfaces, loads.shape[0], "surfaces that the fluid sees")
     return jnp.sum(loads[jnp.asarray(surfaces)], axis=0)
@@ -182,6 +187,7 @@ def _torque_of(load: Array, about: Array) -> Array:
 
 def _side_load(diagnostics: Diagnostics, axis: int, upper: bool) -> Array:
     """(D, 1 + D), see `fluid.side_forces`."""
+    require_arguments(diagnostics=diagnostics)
     loads = required(required(diagnostics.fluid, "fluid").side_load, "side_load of the diagnostics")
     require_numbers("axis", (axis,), loads.shape[0] // 2, "axes")
     return loads[2 * axis + upper]

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
 
-from jaxdem.errors import InputError, is_whole
+from jaxdem.errors import InputError, is_whole, require_kinds
 from jaxdem.failures import failures
 from jaxdem.numerics.shapes import with_shapes, zeros_of
 from jaxdem.particles.neighbors import Neighbors
@@ -93,13 +93,10 @@ def _require(
 ) -> None:
     """Refuses arguments that are of another kind, such as two in the wrong order."""
     require_built(simulation, parameters)
-    kinds: list[tuple[str, object, type]] = [("state", state, State)]
+    remedy = "give both as jaxdem.initial_state makes them: state, neighbors"
+    require_kinds(remedy, state=(state, State))
     if isinstance(simulation, Simulation) and simulation.contact is not None:
-        kinds.append(("neighbors", neighbors, Neighbors))
-    for name, value, kind in kinds:
-        if not isinstance(value, kind):
-            remedy = "give both as jaxdem.initial_state makes them: state, neighbors"
-            raise InputError(name, type(value).__name__, f"is no {kind.__name__}", remedy)
+        require_kinds(remedy, neighbors=(neighbors, Neighbors))
     if not is_whole(steps) or steps < 0:  # type: ignore[operator]
         raise InputError("steps", steps, "is no whole number from 0 up", "give the number of coupling intervals")
     if observe is not None and not callable(observe):

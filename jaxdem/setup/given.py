@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import cast
 
 from jaxdem.coupling.forces.protocol import FluidForce
-from jaxdem.errors import InputError
+from jaxdem.errors import InputError, require_kinds
 from jaxdem.scene import Scene
 from jaxdem.scene.stages import StagedScene
 from jaxdem.setup.extensions import Extensions
@@ -128,10 +128,8 @@ def require_built(simulation: object, parameters: object) -> None:
     Raises:
         InputError: one is of another kind.
     """
-    for name, value, kind in (("simulation", simulation, Simulation), ("parameters", parameters, Parameters)):
-        if not isinstance(value, kind):
-            remedy = "give both as jaxdem.build makes them: simulation, parameters"
-            raise InputError(name, type(value).__name__, f"is no {kind.__name__}", remedy)
+    remedy = "give both as jaxdem.build makes them: simulation, parameters"
+    require_kinds(remedy, simulation=(simulation, Simulation), parameters=(parameters, Parameters))
 
 
 def parts_given(closure: object, extensions: Mapping[str, object]) -> Extensions:

@@ -13,6 +13,7 @@ import jaxdem
 from jaxdem.errors import InputError
 from jaxdem.observables import fluid_force, fluid_torque, measuring_walls, side_walls, surface_walls, wall_load
 from jaxdem.particles.contact_sums import WallLoads
+from jaxdem.state import Diagnostics
 
 RADIUS, DENSITY = 0.01, 2500.0
 MASS = DENSITY * 4.0 / 3.0 * np.pi * RADIUS**3
@@ -143,7 +144,7 @@ def test_walls_that_there_are_not_have_no_load():
         SimpleNamespace(walls=WallLoads(row * 2, row, row, row)),
         SimpleNamespace(side_load=jnp.ones((4, 2, 3))),
     )
-    diagnostics = SimpleNamespace(particles=particles, fluid=fluid)
+    diagnostics = Diagnostics(particles, fluid, None, None)
     np.testing.assert_array_equal(wall_load(diagnostics, (0, 2), jnp.zeros(2)).force, [2.0, 2.0])
     for walls in ((3,), (0, -1), (0.0,)):
         with pytest.raises(InputError, match="none of the walls: there are 3"):
