@@ -326,6 +326,17 @@ def test_a_figure_that_was_lost_shows():
     assert np.isnan(totals.fastest)
 
 
+def test_particles_that_an_older_checkpoint_did_not_count_are_unknown():
+    """And stay so: a part of them would be too few. A checkpoint of now goes on counting."""
+    totals = Totals()
+    totals.add(Records(present=np.array([3, 4, 9])), 2)
+    for kept, count in ((totals.save(), 7.0 + 5.0), (totals.save() | {"present": None}, np.nan)):
+        resumed = Totals()
+        resumed.load({name: np.asarray(value) for name, value in kept.items() if value is not None})
+        resumed.add(Records(present=np.array([5])), 1)
+        np.testing.assert_equal(resumed.present, count)
+
+
 def test_a_failed_run_keeps_its_frames_and_says_why(scene, tmp_path, host_patch):
     advance = TimeLoop._advance
 
