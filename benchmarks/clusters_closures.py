@@ -44,10 +44,10 @@ SEEN_FITS: dict[str, tuple[str, tuple[str, ...]]] = {
     "wide": ("balance", (*SEEN_FEATURES, WIDE)),
 }
 """Closures that are fitted to what parcels see: loss and features of the fit."""
-MATCHED = "matched"
-"""`wide` with the forces of some training runs scaled so that coarse runs have the slip of the fine ones."""
-MATCHED_WITHIN = 0.02
-"""Logarithm of the quotient of two slips below which they are taken for equal: about the noise of a run."""
+NUDGED_FITS: dict[str, tuple[str, tuple[str, ...]]] = {
+    "meshes": ("balance", ("solid_fraction", "log_filter_over_diameter", "log_solid_fraction", WIDE)),
+}
+"""The same for closures of nudged runs on several meshes: `wide` with the size of the cells."""
 HELD_OUT = 0.15
 """Part of the time of the first training run, at its end, on which closures are judged and not trained."""
 
@@ -126,14 +126,22 @@ def seen_datasets(runs: Sequence[Seen], folder: Path, scales: Mapping[float, flo
         if not file.exists():
             make_seen(one.case, simulated(one.case, folder), file, draws=one.draws, dropped=one.dropped)
         dataset = read_dataset(file)
-        groups = {n: dataclasses.replace(g, target_force=scale * g.target_force) for n, g in dataset.groups.items()}
-        datasets.append(dataclasses.replace(dataset, groups=groups))
+        datasets.append(with_forces(dataset, dict.fromkeys(dataset.groups, scale)))
     return [*datasets, parted(datasets[0])[1]]
 
 
+def with_forces(dataset: Dataset, scales: Mapping[int, float]) -> Dataset:
+    """The dataset with the target forces of each coarsening times a factor [-]."""
+    groups = {
+        n: dataclasses.replace(group, target_force=scales[n] * group.target_force)
+        for n, group in dataset.groups.items()
+    }
+    return dataclasses.replace(dataset, groups=groups)
+
+
 def fit_seen(name: str, fit: str, datasets: Sequence[Dataset], folder: Path, seed: int = 0) -> DragClosure:
-    """The closure NAME.closure.h5, fitted as `fit` of `SEEN_FITS`; what is there is not done again."""
-    path, (loss, features) = folder / f"{name}.closure.h5", SEEN_FITS[fit]
+    """The closure NAME.closure.h5, fitted as `fit` of `SEEN_FITS` or `NUDGED_FITS`, once."""
+    path, (loss, features) = folder / f"{name}.closure.h5", (SEEN_FITS | NUDGED_FITS)[fit]
     if not path.exists():
         settings = FitSettings.filtered(
             features=features, loss=loss, bounded=True, seed=seed, epochs=300, batch=4000, learning_rate=2e-2
@@ -148,58 +156,6 @@ def train_seen(runs: Sequence[Seen], folder: Path, seed: int = 0) -> None:
     datasets = seen_datasets(runs, folder)
     for name in SEEN_FITS:
         fit_seen(name, name, datasets, folder, seed)
-
-
-def match(runs: Sequence[Seen], cases: Sequence[Case], slips: Sequence[float], folder: Path, steps: int = 4) -> Path:
-    """The closure `MATCHED`: training through the solver by statistics, with one number for a solid fraction.
-
-    A parcel sees the gas that it drags along itself, which a single grain of the fine run does not. So a closure that
-    has the right mean force for the slips of the fine run has too little in a coarse run. The forces of the training
-    run at the solid fraction of each case are multiplied by k, from 1 on: ln k grows by the logarithm of the coarse
-    slip over the fine one, later by the secant rule, until that is within `MATCHED_WITHIN`.
-
-    Args:
-        runs: training runs.
-        cases: coarse runs without closure, of solid fractions of some of these.
-        slips: mean slip of the fine runs of each case, in terminal speeds.
-        folder: of all runs.
-        steps: closures that are tried.
-    """
-    from benchmarks.clusters_measures import measured
-
-    path = folder / f"{MATCHED}.closure.h5"
-    if path.exists():
-        return path
-    logs = [0.0] * len(cases)
-    tried: list[list[tuple[float, float]]] = [[] for _ in cases]
-    best, least = path, math.inf
-    for step in range(steps):
-        name = f"{MATCHED}_{step}"
-        scales = {case.solid_fraction: math.exp(own) for case, own in zip(cases, logs, strict=True)}
-        closure = fit_seen(name, "wide", seen_datasets(runs, folder, scales), folder)
-        for k, (case, slip) in enumerate(zip(cases, slips, strict=True)):
-            own = dataclasses.replace(case, closure=name)
-            error = math.log(measured(own, simulated(own, folder, closure))["slip"]["mean"] / slip)
-            tried[k].append((logs[k], error))
-        worst = max(abs(errors[-1][1]) for errors in tried)
-        if worst < least:
-            best, least = folder / f"{name}.closure.h5", worst
-        if worst < MATCHED_WITHIN:
-            break
-        logs = [stronger(errors) for errors in tried]
-    closure, metadata = load_closure(best)
-    found = {f"{case.solid_fraction:g}": own for case, own in zip(cases, tried, strict=True)}
-    save_closure(path, closure, {**metadata, "tried": found})
-    return path
-
-
-def stronger(tried: Sequence[tuple[float, float]]) -> float:
-    """The next ln k, at most 0.4 from the last one: drag and slip of single grains are inverse to each other."""
-    last, error = tried[-1]
-    slope = -1.0
-    if len(tried) > 1 and abs(last - tried[-2][0]) > 1e-3:
-        slope = min(-0.3, (error - tried[-2][1]) / (last - tried[-2][0]))
-    return last if abs(error) < MATCHED_WITHIN else last - max(-0.4, min(0.4, error / slope))
 
 
 def parted(dataset: Dataset) -> tuple[Dataset, Dataset]:

@@ -1,8 +1,9 @@
-"""The two figures of docs/results/clusters.md: grains and gas on three meshes, and errors by closure.
+"""The figures of docs/results/clusters.md and clusters_closures.md.
 
-    python benchmarks/clusters_figures.py      # the errors, of the measures in benchmarks/results/clusters.json
+    python benchmarks/clusters_figures.py      # all but one, of the measures in benchmarks/results/clusters.json
 
-The other one needs the folders of runs: `python benchmarks/clusters.py --runs DIR --figures docs/results`.
+That of grains and gas on three meshes needs the folders of runs:
+`python benchmarks/clusters.py --runs DIR --figures docs/results`.
 """
 
 from __future__ import annotations
@@ -22,8 +23,9 @@ from matplotlib.lines import Line2D
 
 from benchmarks import harness
 from benchmarks.clusters_measures import pooled
+from benchmarks.clusters_plan import UNSEEN
 from benchmarks.clusters_runs import Case
-from benchmarks.clusters_tables import FRACTIONS, PAGE, chosen, fine_runs, shown
+from benchmarks.clusters_tables import EVERY, FRACTIONS, MAIN, RESULTS, chosen, fine_runs, over_fine, shown
 from jaxdem.io import load_run
 from jaxdem.report import style
 
@@ -38,6 +40,12 @@ KINDS: dict[str, tuple[str, str, float]] = {
 }
 """Marker, colour and place in the line of the kinds of runs, see `kind_of`."""
 MEASURES = {"slip": "slip over fine - 1 [%]", "drag": "drag over fine - 1 [%]"}
+MAIN_LOOK = {"": ("o", style.COLOURS[1]), "radl": ("s", style.COLOURS[5]), "mixed": ("D", style.COLOURS[0])}
+"""Marker and colour of the closures of `MAIN`."""
+TIMES = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
+"""Ticks of the axis of processor times [s]."""
+IN_FIGURES = {closure: words.replace("`", "") for closure, words in MAIN.items()}
+"""Closures of `MAIN`, in words without Markdown."""
 LIMITS = (-70.0, 110.0)
 """Of the axis; what lies beyond is written at its end [%]."""
 
@@ -71,6 +79,81 @@ def draw_pair(cases: Sequence[tuple[Case, str]], folder: Path, path: Path) -> No
         bar = figure.colorbar(colours, ax=list(panels), shrink=0.8, pad=0.02)
         bar.set_label("vertical velocity of the gas [m/s]")
         style.save(figure, path, dpi=100)
+
+
+def draw_slips(rows: Sequence[dict[str, Any]], path: Path) -> None:
+    """Slip by solid fraction of fine runs and of parcels of 4 on cells of 24 diameters, and its quotient to the former.
+
+    Bars and the band are two standard errors, of both runs together in the quotient.
+    """
+    with style.look():
+        figure = style.new_figure(9.6, 4.2)
+        left, right = figure.subplots(1, 2)
+        fine = [pooled(fine_runs(rows, s), "slip") for s in EVERY]
+        mean, error = (np.array([one[part] for one in fine]) for part in ("mean", "error"))
+        left.errorbar(EVERY, mean, 2.0 * error, color=style.REFERENCE, marker="*", capsize=2, label="fine run")
+        right.axhspan(-5.0, 5.0, color="#E8E8E8", zorder=0, label="5 %")
+        right.axhline(0.0, color=style.REFERENCE, linewidth=0.8)
+        for k, (closure, words) in enumerate(IN_FIGURES.items()):
+            own = chosen(rows, cell=24.0, parcel=4, closure=closure, name="")
+            there = [s for s in EVERY if any(row["solid_fraction"] == s for row in own)]
+            runs = [[row for row in own if row["solid_fraction"] == s] for s in there]
+            marker, colour = MAIN_LOOK[closure]
+            found = [pooled(some, "slip") for some in runs]
+            look: dict[str, Any] = {"color": colour, "marker": marker, "capsize": 2, "markersize": 5}
+            left.errorbar(there, [f["mean"] for f in found], [2.0 * f["error"] for f in found], label=words, **look)
+            over = np.array([over_fine(rows, some, "slip") for some in runs])
+            shifted = np.array(there) * (1.0 + 0.02 * (k - 1))
+            right.errorbar(shifted, 100.0 * (over[:, 0] - 1.0), 200.0 * over[:, 1], linestyle="", **look)
+        for axes in (left, right):
+            axes.set(xscale="log", xlabel="mean solid fraction")
+            axes.set_xticks(EVERY, [f"{s:g}" if s != 0.12 else "" for s in EVERY])  # too near to 0.1
+            axes.minorticks_off()
+        left.set_ylabel("slip over terminal speed")
+        right.set_ylabel("slip over that of the fine run - 1 [%]")
+        entries = [*left.get_legend_handles_labels()[0], *right.get_legend_handles_labels()[0]]
+        figure.legend(handles=entries, loc="outside lower center", ncols=5)
+        style.save(figure, path, dpi=100)
+
+
+def draw_times(rows: Sequence[dict[str, Any]], fractions: Sequence[float], path: Path) -> None:
+    """Error of the slip against processor time, at solid fractions whose runs are of one machine.
+
+    Bars are two standard errors of both runs together; a fine run stands at two standard errors of its own.
+    """
+    with style.look():
+        figure = style.new_figure(6.4, 4.6)
+        axes = figure.subplots()
+        markers = dict(zip(fractions, ("o", "s", "D", "^"), strict=False))
+        for fraction, marker in markers.items():
+            reference = fine_runs(rows, fraction)
+            noise = pooled(reference, "slip")
+            look: dict[str, Any] = {"marker": marker, "linestyle": "", "capsize": 2, "markersize": 6}
+            height = 200.0 * noise["error"] / noise["mean"]
+            axes.errorbar(_seconds(reference), height, color=style.REFERENCE, **look)
+            for closure in MAIN:
+                own = chosen(rows, cell=24.0, parcel=4, closure=closure, name="", solid_fraction=fraction)
+                if own:
+                    ratio, error = over_fine(rows, own, "slip")
+                    place = _seconds(own), 100.0 * abs(ratio - 1.0)
+                    axes.errorbar(*place, yerr=200.0 * error, color=MAIN_LOOK[closure][1], **look)
+        axes.axhspan(0.0, 5.0, color="#E8E8E8", zorder=0)
+        axes.set(xscale="log", xlabel="processor time of a relaxation time, without compiling [s]")
+        axes.set(ylabel="error of the slip [%]", ylim=(0.0, None))
+        axes.set_xticks(TIMES, [f"{time:g}" for time in TIMES])
+        axes.minorticks_off()
+        colours = {"fine run: its noise": style.REFERENCE} | {IN_FIGURES[c]: MAIN_LOOK[c][1] for c in MAIN}
+        entries = [Line2D([], [], color=c, marker="o", linestyle="", label=name) for name, c in colours.items()]
+        entries += [
+            Line2D([], [], color=style.NOISE, marker=m, linestyle="", label=f"solid fraction {s:g}")
+            for s, m in markers.items()
+        ]
+        figure.legend(handles=entries, loc="outside lower center", ncols=2)
+        style.save(figure, path, dpi=100)
+
+
+def _seconds(own: Sequence[dict[str, Any]]) -> float:
+    return float(np.mean([row["cpu_s_per_relaxation_time"] for row in own]))
 
 
 def kind_of(row: dict[str, Any]) -> str:
@@ -123,4 +206,6 @@ def _errors(axes: Axes, rows: Sequence[dict[str, Any]], fraction: float, name: s
 
 if __name__ == "__main__":
     found = json.loads((harness.RESULTS / "clusters.json").read_text())["rows"]
-    draw_errors(found, PAGE.with_name("clusters_errors.png"))
+    draw_slips(found, RESULTS / "clusters_slips.png")
+    draw_times(found, UNSEEN, RESULTS / "clusters_times.png")
+    draw_errors(found, RESULTS / "clusters_errors.png")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -37,27 +38,38 @@ LONGER_FITTED = {
 }
 """The same for longer fine runs. The first is held to the slip of the box in thin suspensions, where the gas that a
 parcel drags along is much of what it sees, and drawn to the cells in dense ones, where the uneven places count."""
+MIXED_FITTED = {"mixed": LONGER_FITTED["longmixed"] | {0.1: "nudgedbox"}}
+"""The same for fine runs at five solid fractions."""
+CALIBRATED_WAYS = dict.fromkeys((0.01, 0.05, 0.1, 0.15, 0.3), "nudgedbox")
+"""How the runs are nudged that the closure `CALIBRATED` of `clusters_matched` is fitted to."""
 CELL, PARCEL, STEP = 24.0, 4, 5e-4
-"""Cells in diameters, l of the parcels and fluid step of the nudged runs [s]."""
+"""Cells in diameters where no others are named, l of the parcels and fluid step of the nudged runs [s]."""
 SEEDS = {0.01: (0, 1)}
 """Of the places of the parcels at the start, by solid fraction; 0 where none are named: few parcels need more runs."""
 INTERVALS = 11
 """Coupling intervals between samples: a quarter of a relaxation time."""
 
 
-def nudged_datasets(one: Seen, folder: Path, names: Sequence[str]) -> dict[str, Dataset]:
+def nudged_datasets(one: Seen, folder: Path, names: Sequence[str], cell: float = CELL) -> dict[str, Dataset]:
     """What parcels see in runs that are nudged to a fine run in these ways; what is there is not done again."""
-    files = {name: folder / f"{one.case.folder}.{name}.h5" for name in names}
+    files = {name: folder / f"{one.case.folder}.{name}.c{cell:g}.h5" for name in names}
     if not all(file.exists() for file in files.values()):
-        _make(one, folder, files)
+        _make(one, folder, files, cell)
     return {name: read_dataset(file) for name, file in files.items()}
 
 
-def _make(one: Seen, folder: Path, files: dict[str, Path]) -> None:
-    run, view = simulated(one.case, folder), view_of(one.case, CELL, 1)
+def on_meshes(one: Seen, folder: Path, way: str, cells: Sequence[float]) -> Dataset:
+    """What parcels see in runs on cells of several sizes that are nudged to a fine run in one way."""
+    found = [nudged_datasets(one, folder, [way], cell)[way] for cell in cells]
+    groups = {n: group for dataset in found for n, group in dataset.groups.items()}
+    return dataclasses.replace(found[0], groups=groups)
+
+
+def _make(one: Seen, folder: Path, files: dict[str, Path], cell: float) -> None:
+    run, view = simulated(one.case, folder), view_of(one.case, cell, 1)
     reference = reference_of(required(run.samples, "samples of the run"), view)
     cases = [
-        Case(one.case.solid_fraction, CELL, seed, parcel=PARCEL, step=STEP)
+        Case(one.case.solid_fraction, cell, seed, parcel=PARCEL, step=STEP)
         for seed in SEEDS.get(one.case.solid_fraction, (0,))
     ]
     collected: dict[str, list[dict[str, np.ndarray]]] = {name: [] for name in files}
@@ -70,7 +82,7 @@ def _make(one: Seen, folder: Path, files: dict[str, Path]) -> None:
             collected[name].append({column: values[late] for column, values in rows.items()})
             _report(name, case, series, rows, one.dropped)
     for name, file in files.items():
-        write_dataset(file, described(run), {round(CELL / one.case.cell): view.group(collected[name])})
+        write_dataset(file, described(run), {round(cell / one.case.cell): view.group(collected[name])})
 
 
 def _run_of(case: Case, reference: Reference) -> tuple[NudgedRun, tuple[object, object]]:
@@ -86,7 +98,8 @@ def _report(name: str, case: Case, series: dict[str, np.ndarray], rows: dict[str
     factor = rows["target_force"][own, 1].mean() / rows["drag_force"][own, 1].mean()
     correlation = series["correlation"][late].mean()
     print(
-        f"{name} {case.solid_fraction:g} seed {case.seed}: slip over fine {quotient:.3f}, factor {factor:.3f}, "
+        f"{name} {case.solid_fraction:g} cells of {case.cell:g}, seed {case.seed}: "
+        f"slip over fine {quotient:.3f}, factor {factor:.3f}, "
         f"correlation of solids {correlation:.2f}",
         flush=True,
     )

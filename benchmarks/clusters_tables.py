@@ -1,10 +1,10 @@
-"""The tables of docs/results/clusters.md, made of the measures in benchmarks/results/clusters.json.
+"""The tables of docs/results/clusters.md and clusters_closures.md, of the measures in benchmarks/results/clusters.json.
 
     python benchmarks/clusters_tables.py               # all of them
     python benchmarks/clusters_tables.py --table parcels
-    python benchmarks/clusters_tables.py --write       # into the page, between its marks
+    python benchmarks/clusters_tables.py --write       # into the pages, behind their marks
 
-In the page the mark `<!-- table: NAME -->` stands before each table.
+In a page the mark `<!-- table: NAME -->` stands before each table.
 """
 
 from __future__ import annotations
@@ -23,24 +23,25 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script from anywh
 from benchmarks import harness
 from benchmarks.clusters_measures import DROPPED, is_fine, pooled
 
-PAGE = Path(__file__).parents[1] / "docs" / "results" / "clusters.md"
+RESULTS = Path(__file__).parents[1] / "docs" / "results"
+PAGES = (RESULTS / "clusters.md", RESULTS / "clusters_closures.md")
+"""What was found, and the closures that were compared on the way."""
 BOX = [96, 192]
 FRACTIONS = (0.02, 0.05, 0.2)
-SHOWN = ("", "radl", "regression", "network", "tuned", "network2", "fraction", "bounded", "gradient", "squares",
-         "balance", "wide", "matched", "nudged", "nudgedbox", "longmixed", "longboth", "longbox")  # fmt: skip
-"""Closures in the order of the tables."""
-SUMMARY = {
+EVERY = (0.02, 0.03, 0.05, 0.07, 0.1, 0.12, 0.2)
+"""Solid fractions of the runs with the closures of `MAIN`."""
+MAIN = {
     "": "no model",
     "radl": "Radl & Sundaresan, published",
-    "fraction": "learned, fitted by squares (`fraction`)",
-    "balance": "learned, fitted to mean forces (`balance`)",
-    "wide": "`balance` with a feature of the surroundings (`wide`)",
-    "matched": "`wide`, matched to the slip of coarse runs at 0.01 and 0.05 (`matched`)",
-    "nudged": "`wide`, of coarse runs nudged in every cell (`nudged`)",
-    "nudgedbox": "`wide`, of coarse runs nudged to the slip of the box (`nudgedbox`)",
-    "longmixed": "`wide`, of longer runs, nudged to the slip of the box if thin, in every cell if dense (`longmixed`)",
+    "mixed": "learned (`mixed`)",
 }
-"""Closures of the summary, in words."""
+"""Closures of the first page, in words."""
+ON_MESHES = ("", "radl", "mixed", "calibrated")
+"""Closures of the table of meshes."""
+SHOWN = ("", "radl", "regression", "network", "tuned", "network2", "fraction", "bounded", "gradient", "squares",
+         "balance", "wide", "matched", "nudged", "nudgedbox", "longmixed", "longboth", "longbox",
+         "mixed", "calibrated")  # fmt: skip
+"""Closures in the order of the tables."""
 VARIANCES = {"solids_24": "solids", "grains_24": "grains", "gas_24": "gas"}
 Row = dict[str, Any]
 
@@ -85,11 +86,13 @@ def table(head: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
     return "\n".join("| " + " | ".join(line) + " |" for line in (head, ["---"] * len(head), *lines))
 
 
-def of_fractions(rows: Sequence[Row], own: Sequence[Row], names: Sequence[str]) -> list[str]:
+def of_fractions(
+    rows: Sequence[Row], own: Sequence[Row], names: Sequence[str], fractions: Sequence[float] = FRACTIONS
+) -> list[str]:
     """Quotients to the fine runs by measure and solid fraction, empty where there is no run."""
     found = []
     for name in names:
-        for s in FRACTIONS:
+        for s in fractions:
             here = [row for row in own if row["solid_fraction"] == s]
             found.append("{:.2f} +- {:.2f}".format(*over_fine(rows, here, name)) if here else "")
     return found
@@ -106,15 +109,39 @@ def parcels(rows: Sequence[Row], name: str = "", closures: Sequence[str] = SHOWN
     return table(head, lines)
 
 
-def short(rows: Sequence[Row]) -> str:
-    """The slip alone, of the closures that the summary names."""
-    head = ["drag", "parcels of", *(f"{s:g}" for s in FRACTIONS)]
+def unseen(rows: Sequence[Row], name: str) -> str:
+    """A measure of parcels of 4 on cells of 24 diameters over the fine runs, at every solid fraction."""
     lines = []
-    for parcel, closures in ((4, SUMMARY), (2, ("wide",))):
-        for closure in closures:
-            own = chosen(rows, cell=24.0, parcel=parcel, closure=closure, name="")
+    for closure, words in MAIN.items():
+        own = chosen(rows, cell=24.0, parcel=4, closure=closure, name="")
+        lines.append([words, *of_fractions(rows, own, (name,), EVERY)])
+    return table(["drag", *(f"{s:g}" for s in EVERY)], lines)
+
+
+def spreads(rows: Sequence[Row]) -> str:
+    """Variances of the fine runs and of parcels of 4 on cells of 24 diameters, at every solid fraction."""
+    lines = []
+    for name, words in VARIANCES.items():
+        for closure in (None, *MAIN):
+            given = {"cell": 24.0, "parcel": 4, "closure": closure, "name": ""}
+            line = [words, "fine run" if closure is None else MAIN[closure]]
+            for s in EVERY:
+                own = fine_runs(rows, s) if closure is None else chosen(rows, solid_fraction=s, **given)
+                line.append(f"{pooled(own, name)['mean']:.2f}" if own else "")
+            lines.append(line)
+    return table(["variance of", "run", *(f"{s:g}" for s in EVERY)], lines)
+
+
+def meshes(rows: Sequence[Row]) -> str:
+    """Slip and drag of parcels of 4 on cells of several sizes over the fine runs."""
+    fractions = (0.02, 0.05, 0.1, 0.2)
+    head = ["cells", "closure", *(f"slip at {s:g}" for s in fractions), *(f"drag at {s:g}" for s in fractions)]
+    lines = []
+    for cell in (12.0, 16.0, 24.0):
+        for closure in ON_MESHES:
+            own = chosen(rows, cell=cell, parcel=4, closure=closure, name="")
             if own:
-                lines.append([SUMMARY[closure], str(parcel), *of_fractions(rows, own, ("slip",))])
+                lines.append([f"{cell:g} d", label(closure), *of_fractions(rows, own, ("slip", "drag"), fractions)])
     return table(head, lines)
 
 
@@ -122,13 +149,14 @@ def fine(rows: Sequence[Row]) -> str:
     """The fine runs, one by one and together."""
     head = ["solid fraction", "seed", "T measured", "slip", "drag", *(f"var. {n}" for n in VARIANCES.values())]
     lines = []
-    for s in FRACTIONS:
+    for s in EVERY:
         own = fine_runs(rows, s)
         for row in own:
             seed = f"{row['seed']}, long step" if row["name"] == "step" else str(row["seed"])
             lines.append([f"{s:g}", seed, str(row["times"] - DROPPED), *_measures([row])])
-        total = sum(row["times"] - DROPPED for row in own)
-        lines.append([f"{s:g}", "together", str(total), *_measures(own)])
+        if len(own) > 1:
+            total = sum(row["times"] - DROPPED for row in own)
+            lines.append([f"{s:g}", "together", str(total), *_measures(own)])
     return table(head, lines)
 
 
@@ -197,7 +225,10 @@ def _time(own: Sequence[Row]) -> str:
 
 
 TABLES: dict[str, Callable[[Sequence[Row]], str]] = {
-    "short": short,
+    "slips": lambda rows: unseen(rows, "slip"),
+    "drags": lambda rows: unseen(rows, "drag"),
+    "spreads": spreads,
+    "meshes": meshes,
     "fine": fine,
     "coarse": lambda rows: one_by_one(
         rows, [{"solid_fraction": s, "cell": c, "parcel": 1, "closure": ""} for c in (12, 24) for s in FRACTIONS], True
@@ -221,17 +252,20 @@ TABLES: dict[str, Callable[[Sequence[Row]], str]] = {
     "own": lambda rows: parcels(rows, "own"),
     "loss": lambda rows: parcels(rows, "restitution 0.487"),
 }  # fmt: skip
-"""By name; the page has each behind its mark."""
+"""By name; one of the pages has each behind its mark."""
+
+
+def marked(page: str) -> list[str]:
+    """Names of the tables of a page, in their order."""
+    return re.findall(r"<!-- table: (\w+) -->\n", page)
 
 
 def written(page: str, rows: Sequence[Row]) -> str:
     """The page with its tables as the rows have them."""
-    for name, make in TABLES.items():
+    for name in marked(page):
         mark = f"<!-- table: {name} -->\n"
-        if mark not in page:
-            raise ValueError(f"the page has no mark {mark.strip()}")
         before, after = page.split(mark)
-        page = f"{before}{mark}{make(rows)}\n" + re.sub(r"^(\|[^\n]*\n)*", "", after)
+        page = f"{before}{mark}{TABLES[name](rows)}\n" + re.sub(r"^(\|[^\n]*\n)*", "", after)
     return page
 
 
@@ -239,11 +273,12 @@ def main() -> None:
     """The tables, on the screen or in the page."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--table", choices=TABLES, help="one of them; all by default")
-    parser.add_argument("--write", action="store_true", help="put them into docs/results/clusters.md")
+    parser.add_argument("--write", action="store_true", help="put them into the pages")
     arguments = parser.parse_args()
     rows = json.loads((harness.RESULTS / "clusters.json").read_text())["rows"]
     if arguments.write:
-        PAGE.write_text(written(PAGE.read_text(), rows))
+        for page in PAGES:
+            page.write_text(written(page.read_text(), rows))
         return
     for name in [arguments.table] if arguments.table else TABLES:
         print(f"{name}\n\n{TABLES[name](rows)}\n")

@@ -12,13 +12,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from benchmarks import clusters, clusters_tables, harness
+from benchmarks import clusters, clusters_plan, clusters_tables, harness
+from benchmarks import clusters_matched as matched
 from benchmarks import clusters_measures as measures
 from benchmarks import clusters_nudged as nudged
 from benchmarks import clusters_runs as runs
-from benchmarks.clusters_closures import MATCHED_WITHIN, parted, scaled, stronger
+from benchmarks.clusters_closures import parted, scaled
 from benchmarks.clusters_seen import OF_GRAINS, thinned
-from jaxdem.closures import DragInputs, InvariantClosure, WenYu
+from jaxdem.closures import DragInputs, InvariantClosure, WenYu, load_closure, save_closure
 from jaxdem.train.dataset_file import VECTORS, Dataset, Group
 from tests.cases.tiers import COMBINATION
 
@@ -158,12 +159,38 @@ def test_a_scaled_closure_has_the_logarithm_of_its_factor_scaled():
 def test_forces_are_scaled_until_the_slip_of_a_coarse_run_is_that_of_the_fine_one(slope):
     """The logarithm of the quotient of the slips falls on a line with that of the scale; a slip that is right stays."""
     tried = [(0.0, 0.21)]
-    while abs(tried[-1][1]) >= MATCHED_WITHIN and len(tried) < 5:
-        log = stronger(tried)
+    while abs(tried[-1][1]) >= matched.WITHIN and len(tried) < 5:
+        log = matched.stronger(tried)
         tried.append((log, 0.21 + slope * log))
-    assert abs(tried[-1][1]) < MATCHED_WITHIN and len(tried) <= 3
-    assert stronger(tried) == tried[-1][0]
-    assert stronger([(0.0, 2.0)]) == 0.4  # one step is bounded
+    assert abs(tried[-1][1]) < matched.WITHIN and len(tried) <= 3
+    assert matched.stronger(tried) == tried[-1][0]
+    assert matched.stronger([(0.0, 2.0)]) == 0.4  # one step is bounded
+
+
+def test_a_search_scales_every_case_by_itself_and_keeps_the_closure_with_the_least_error(monkeypatch, tmp_path):
+    """Slips are 1.3 and 0.8 of the fine ones with forces as they are, and inverse to the forces."""
+    cases, off = [runs.Case(s, 24.0, parcel=4) for s in (0.01, 0.3)], {0.01: 1.3, 0.3: 0.8}
+    tried: list[dict[float, float]] = []
+
+    def fit(name, scales):
+        tried.append({case.solid_fraction: k for case, k in scales.items()})
+        save_closure(tmp_path / f"{name}.closure.h5", closure, {"number": len(tried)})
+        return closure
+
+    def found(case, run):
+        return {"slip": {"mean": 2.0 * off[case.solid_fraction] / tried[-1][case.solid_fraction]}}
+
+    closure = InvariantClosure.initial(WenYu())
+    monkeypatch.setattr(matched, "simulated", lambda case, folder, closure: None)
+    monkeypatch.setattr(matched, "measured", found)
+    path = matched.matched("found", fit, cases, [2.0, 2.0], tmp_path, steps=6)
+    metadata = load_closure(path)[1]
+    assert tried[0] == {0.01: 1.0, 0.3: 1.0} and len(tried) < 6
+    assert metadata["number"] == len(tried)
+    for case in cases:
+        assert tried[-1][case.solid_fraction] == pytest.approx(off[case.solid_fraction], rel=matched.WITHIN)
+        assert len(metadata["tried"][case.folder]) == len(tried)
+    assert matched.matched("found", fit, cases, [2.0, 2.0], tmp_path, steps=6) == path and len(tried) < 6  # once
 
 
 def test_parcels_of_a_thinned_sample_share_out_the_grains():
@@ -183,7 +210,7 @@ def test_parcels_of_a_thinned_sample_share_out_the_grains():
 
 
 def test_the_plan_has_a_fine_run_for_every_coarse_one_and_no_folder_twice():
-    cases = [case for group in clusters.plan().values() for case in group]
+    cases = [case for group in clusters_plan.plan().values() for case in group]
     folders = [case.folder for case in set(cases)]
     assert len(folders) == len(set(folders))
     fine = {(case.solid_fraction, case.box) for case in cases if case.cell == 3.0 and not case.closure}
@@ -192,7 +219,12 @@ def test_the_plan_has_a_fine_run_for_every_coarse_one_and_no_folder_twice():
 
 
 @pytest.mark.parametrize(
-    ("fitted", "runs_on"), [(nudged.FITTED, clusters.SEEN_ON), (nudged.LONGER_FITTED, clusters.LONGER_ON)]
+    ("fitted", "runs_on"),
+    [
+        (nudged.FITTED, clusters_plan.SEEN_ON),
+        (nudged.LONGER_FITTED, clusters_plan.LONGER_ON),
+        (nudged.MIXED_FITTED, clusters_plan.CALIBRATED_ON),
+    ],
 )
 def test_every_closure_is_fitted_to_a_way_of_nudging_in_a_run_that_there_is(monkeypatch, tmp_path, fitted, runs_on):
     """Each closure gets the samples of its own ways, one dataset a run."""
@@ -212,6 +244,21 @@ def test_every_closure_is_fitted_to_a_way_of_nudging_in_a_run_that_there_is(monk
     for name, ways in fitted.items():
         assert sorted(fits[name][:-1]) == sorted(f"{s:g} {way}" for s, way in ways.items())
         assert fits[name][-1] == f"end of {fits[name][0]}"
+
+
+def test_the_closure_that_comes_with_the_scene_lowers_the_drag_in_dense_suspensions_alone():
+    """Factors in even suspensions: about one where it is thin, about half at 0.1 to 0.15, never more than one."""
+    closure, metadata = load_closure(runs.SCENE.with_name("clusters.closure.h5"))
+    solids = jnp.asarray([0.01, 0.02, 0.05, 0.1, 0.15, 0.2])
+    rows = jnp.tile(jnp.asarray([0.0, 0.1]), (len(solids), 1))
+    inputs = DragInputs(
+        rows, rows, solids, rows, rows, *(jnp.asarray(value) for value in (75e-6, 24 * 75e-6, 1.3, 1.8e-5))
+    )._replace(wide_solid_fraction=solids)
+    drag = closure(inputs)
+    factor = np.asarray(drag.coefficient / closure.base(inputs).coefficient)
+    assert isinstance(closure.base, WenYu) and metadata["settings"]["loss"] == "balance"
+    assert not np.asarray(drag.out_of_range).any()
+    assert factor[0] > 0.95 and (factor <= 1.0).all() and (np.abs(factor[3:5] - 0.55) < 0.05).all()
 
 
 def test_the_end_of_a_run_is_held_out():
@@ -234,9 +281,12 @@ def test_rows_of_a_file_stand_beside_new_ones_in_the_table():
     assert (harness.RESULTS / "clusters.md").read_text().startswith(table)
 
 
-def test_the_page_has_the_tables_of_the_rows_and_a_run_of_two_groups_counts_once():
+def test_the_pages_have_the_tables_of_the_rows_and_a_run_of_two_groups_counts_once():
     rows = json.loads((harness.RESULTS / "clusters.json").read_text())["rows"]
-    page = clusters_tables.PAGE.read_text()
+    pages = [page.read_text() for page in clusters_tables.PAGES]
+    assert sorted(name for page in pages for name in clusters_tables.marked(page)) == sorted(clusters_tables.TABLES)
     twice = [*rows, *({**row, "group": "another"} for row in rows)]
-    assert clusters_tables.written(page, twice) == page
-    assert clusters_tables.written(page, rows[:-1]) != page
+    for page in pages:
+        assert clusters_tables.written(page, twice) == page
+    fewer = [row for row in rows if row["solid_fraction"] != 0.2]
+    assert all(clusters_tables.written(page, fewer) != page for page in pages)
