@@ -31,7 +31,7 @@ from benchmarks.clusters_closures import (
 )
 from benchmarks.clusters_matched import calibrate, match
 from benchmarks.clusters_measures import is_fine, measured, pooled
-from benchmarks.clusters_nudged import FITTED, LONGER_FITTED, MIXED_FITTED, train_nudged
+from benchmarks.clusters_nudged import FITTED, LONGER_FITTED, MIXED_AGAIN, MIXED_FITTED, train_nudged
 from benchmarks.clusters_plan import (
     CALIBRATED_AT,
     CALIBRATED_ON,
@@ -137,6 +137,8 @@ def main() -> None:
             train_nudged(LONGER_ON, arguments.runs, LONGER_FITTED)
         if name == "mixed" and time.monotonic() < until:
             train_nudged(CALIBRATED_ON, arguments.runs, MIXED_FITTED)
+            for own, seed in MIXED_AGAIN.items():
+                train_nudged(CALIBRATED_ON, arguments.runs, {own: MIXED_FITTED["mixed"]}, seed)
         if name in ("anew", "trainings") and time.monotonic() < until:
             train_again(TRAINED_ON, SEEN_ON[0].case, arguments.runs)
         if name == "matched" and time.monotonic() < until:

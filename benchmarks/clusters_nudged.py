@@ -40,6 +40,8 @@ LONGER_FITTED = {
 parcel drags along is much of what it sees, and drawn to the cells in dense ones, where the uneven places count."""
 MIXED_FITTED = {"mixed": LONGER_FITTED["longmixed"] | {0.1: "nudgedbox"}}
 """The same for fine runs at five solid fractions."""
+MIXED_AGAIN = {"mixed_s1": 1, "mixed_s2": 2}
+"""Closures of the same samples, and the seeds of the training."""
 CALIBRATED_WAYS = dict.fromkeys((0.01, 0.05, 0.1, 0.15, 0.3), "nudgedbox")
 """How the runs are nudged that the closure `CALIBRATED` of `clusters_matched` is fitted to."""
 CELL, PARCEL, STEP = 24.0, 4, 5e-4

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from benchmarks.clusters_closures import AGAIN, ANEW, SEEN_FITS, Seen, tuned_name
 from benchmarks.clusters_matched import CALIBRATED, MATCHED
-from benchmarks.clusters_nudged import FITTED, LONGER_FITTED, MIXED_FITTED
+from benchmarks.clusters_nudged import FITTED, LONGER_FITTED, MIXED_AGAIN, MIXED_FITTED
 from benchmarks.clusters_runs import Case
 
 FRACTIONS = (0.02, 0.05, 0.2)
@@ -157,6 +157,7 @@ def plan() -> dict[str, list[Case]]:
         "mixed": [
             *(coarse(s, 24.0, m, 4, seed) for m in MIXED_FITTED for s in (*UNSEEN, *FRACTIONS, 0.1) for seed in SEEDS),
             *(coarse(s, 24.0, m, 4) for m in MIXED_FITTED for s in (0.01, 0.15, 0.3)),
+            *(coarse(s, 24.0, m, 4) for m in MIXED_AGAIN for s in (*UNSEEN, *FRACTIONS, 0.1)),
         ],
         "anew": [
             *(coarse(0.05, 24.0, model, 4, 2) for model in ("", "radl")),
