@@ -10,7 +10,7 @@ from benchmarks.clusters_nudged import FITTED, LONGER_FITTED, MIXED_AGAIN, MIXED
 from benchmarks.clusters_runs import Case
 
 FRACTIONS = (0.02, 0.05, 0.2)
-"""Mean solid fractions; 0.1 is for training only, see docs/results/clusters.md."""
+"""Mean solid fractions at which all closures are compared."""
 TRAINED_ON = (Case(0.05, samples=1), Case(0.1, samples=1, times=11))
 """Fine runs that closures are trained on, see `clusters_closures.FITS`."""
 MODELS = ("", "radl", "regression", "network", "network2", "fraction", "bounded", "gradient")
@@ -85,7 +85,7 @@ CALIBRATED_ON = (
     Seen(with_long_step(Case(0.15, seed=4, times=60, samples=0.1)), draws=4, dropped=5),
     Seen(with_long_step(Case(0.3, seed=4, times=60, samples=0.1)), draws=4, dropped=5),
 )
-"""Fine runs that the closure `CALIBRATED` is trained on."""
+"""Fine runs that the closure `CALIBRATED` and those of `MIXED_FITTED` are trained on."""
 CALIBRATED_AT = tuple(
     (one.case.solid_fraction, cell)
     for one in CALIBRATED_ON

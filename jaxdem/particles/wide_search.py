@@ -24,8 +24,6 @@ BLOCKS_AT_ONCE = 64
 """Blocks that look at once: what they look at then stays in the cache."""
 LISTED_AT_ONCE = 256
 """Particles whose neighbours are listed at once."""
-
-
 UNROLLED = 16
 """Words that are gone through without a look at the memory."""
 
